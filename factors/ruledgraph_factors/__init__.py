@@ -1,0 +1,55 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Point-to-ruled-surface factors for GTSAM: lines in a visual-inertial graph, without matching.
+
+Needs gtsam and numpy alone. `EMBEDDING.md` beside this package is the guide.
+"""
+
+from ruledgraph_factors.errors import DegenerateWindowError, FactorError
+from ruledgraph_factors.factor import (
+    RuledSurfaceFactor,
+    ruled_surface_factor,
+    ruled_surface_factor_with_gravity_direction,
+    ruled_surface_factor_with_gravity_vector,
+    ruled_surface_pose_factor,
+)
+from ruledgraph_factors.initial import (
+    LineTrack,
+    WindowSolution,
+    line_from_ruling,
+    solve_first_window,
+)
+from ruledgraph_factors.line import LineChart
+from ruledgraph_factors.motion import (
+    STANDARD_GRAVITY,
+    FrameMotion,
+    ImuSamples,
+    ImuSegment,
+    preintegrate_frames,
+)
+from ruledgraph_factors.observations import CompressedPoints, IndividualPoints, bin_points
+from ruledgraph_factors.spec import RuledSurfaceSpec
+
+__all__ = [
+    "STANDARD_GRAVITY",
+    "CompressedPoints",
+    "DegenerateWindowError",
+    "FactorError",
+    "FrameMotion",
+    "ImuSamples",
+    "ImuSegment",
+    "IndividualPoints",
+    "LineChart",
+    "LineTrack",
+    "RuledSurfaceFactor",
+    "RuledSurfaceSpec",
+    "WindowSolution",
+    "bin_points",
+    "line_from_ruling",
+    "preintegrate_frames",
+    "ruled_surface_factor",
+    "ruled_surface_factor_with_gravity_direction",
+    "ruled_surface_factor_with_gravity_vector",
+    "ruled_surface_pose_factor",
+    "solve_first_window",
+]

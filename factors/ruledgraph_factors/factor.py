@@ -1,0 +1,249 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Point-to-ruled-surface factors for GTSAM graphs.
+
+One function for each set of variables; the type of `points` chooses the residual. All return a
+`gtsam.CustomFactor` with unwhitened residuals and GTSAM's tangent conventions (`Pose3`: rotation
+first, right perturbation), so that they stand beside native factors in any graph.
+"""
+
+import gtsam
+import numpy as np
+from gtsam import noiseModel
+from numpy.typing import ArrayLike
+
+from ruledgraph_factors.errors import FactorError
+from ruledgraph_factors.line import LineChart
+from ruledgraph_factors.motion import STANDARD_GRAVITY, FrameMotion
+from ruledgraph_factors.observations import CompressedPoints, IndividualPoints
+from ruledgraph_factors.ruled_surface import Geometry, State
+from ruledgraph_factors.spec import RuledSurfaceSpec
+from ruledgraph_factors.validation import FloatArray, positive_number
+
+Points = CompressedPoints | IndividualPoints
+
+_POSE, _VELOCITY, _BIAS = slice(0, 6), slice(6, 9), slice(9, 15)
+_GRAVITY, _LINE = slice(15, 18), slice(18, 22)
+
+
+class RuledSurfaceFactor(gtsam.CustomFactor):
+    """The factor that a spec describes.
+
+    As long as Python holds this object, it can be pickled, copied and cloned. What GTSAM hands
+    back from a graph after Python has let go of it is a plain `CustomFactor` that still works but
+    cannot; keep the `spec`.
+    """
+
+    def __init__(self, spec: RuledSurfaceSpec) -> None:
+        super().__init__(spec.noise_model, list(spec.keys), _ErrorFunction(spec))
+        self.spec = spec
+        """The plain data this factor was built from."""
+        if self.dim() != spec.points.rows:
+            kind = "3 for each frame" if isinstance(spec.points, CompressedPoints) else "2 a point"
+            raise FactorError(
+                f"noise_model has dimension {self.dim()}, but this factor has "
+                f"{spec.points.rows} rows ({kind})"
+            )
+
+    def clone(self) -> "RuledSurfaceFactor":
+        """An equal factor, built anew."""
+        return RuledSurfaceFactor(self.spec)
+
+    def __reduce__(self) -> tuple[type, tuple[RuledSurfaceSpec]]:
+        return RuledSurfaceFactor, (self.spec,)
+
+    def __copy__(self) -> "RuledSurfaceFactor":
+        return self.clone()
+
+
+class _ErrorFunction:
+    """The callback GTSAM keeps. It holds no reference to the factor: that would be a cycle through
+    C++ which Python's collector cannot see.
+    """
+
+    def __init__(self, spec: RuledSurfaceSpec) -> None:
+        self._form = spec.form
+        self._points = spec.points
+        self._gravity = spec.gravity
+        self._magnitude = float(np.linalg.norm(spec.gravity))
+        self._geometry = Geometry(
+            spec.chart,
+            spec.motion,
+            spec.body_T_cam.rotation().matrix(),
+            spec.body_T_cam.translation(),
+        )
+
+    def __call__(
+        self, this: gtsam.CustomFactor, values: gtsam.Values, H: list[FloatArray] | None
+    ) -> FloatArray:
+        keys = this.keys()
+        pose = values.atPose3(keys[0])
+        velocity, bias, gravity = np.zeros(3), np.zeros(6), self._gravity
+        by_gravity = np.eye(3)
+        columns = [_POSE, _LINE]
+        if self._form != "pose":
+            velocity = values.atVector(keys[1])
+            bias = values.atConstantBias(keys[2]).vector()
+            columns[1:1] = [_VELOCITY, _BIAS]
+        if self._form == "knot_gravity_direction":
+            direction = values.atUnit3(keys[3])
+            gravity = self._magnitude * direction.unitVector()
+            by_gravity = self._magnitude * direction.basis()
+            columns.insert(3, _GRAVITY)
+        elif self._form == "knot_gravity_vector":
+            gravity = values.atVector(keys[3])
+            columns.insert(3, _GRAVITY)
+        state = State(
+            pose.rotation().matrix(),
+            pose.translation(),
+            velocity,
+            bias,
+            gravity,
+            values.atVector(keys[-1]),
+        )
+        line = self._geometry.line_in_cameras(state, want_jacobian=H is not None)
+        residual = self._points.residual(line)
+        if H is not None and residual.jacobian is not None:
+            for i, block in enumerate(columns):
+                part = residual.jacobian[:, block]
+                H[i] = np.asfortranarray(part @ by_gravity if block is _GRAVITY else part)
+        return residual.value
+
+
+def ruled_surface_factor(
+    noise_model: noiseModel.Base,
+    pose_key: int,
+    velocity_key: int,
+    bias_key: int,
+    line_key: int,
+    motion: FrameMotion,
+    chart: LineChart,
+    points: Points,
+    body_T_cam: gtsam.Pose3 | None = None,
+    gravity: ArrayLike = STANDARD_GRAVITY,
+) -> RuledSurfaceFactor:
+    """One line over all frames that follow a knot, on the knot's state and the line.
+
+    Residual (default points): r = C_j m_j / |m_j,xy| for every frame j, with m_j the line's moment
+    in the camera at R_j = R Exp(theta_j(b)), p_j = p + v t_j + g t_j^2 / 2 + R dp_j(b).
+
+    Args:
+        noise_model: of dimension `points.rows`, any kind, robust ones too. Units: normalised image
+            coordinates, that is pixels over focal length.
+        pose_key: Pose3, world_T_body of the knot.
+        velocity_key: Vector3, of the body in the world, m/s.
+        bias_key: imuBias.ConstantBias.
+        line_key: Vector4, delta of `chart`.
+        motion: of the frames in `points`, from `preintegrate_frames`.
+        chart: of the line.
+        points: the line's edge points: `CompressedPoints` for the geometric residual,
+            `IndividualPoints` for the paper's.
+        body_T_cam: camera pose in the body (IMU) frame, by default identity.
+        gravity: in the world, m/s^2.
+
+    Raises:
+        FactorError: naming the argument that is wrong.
+
+    Source: Zhu, Burner, Aloimonos, arXiv 2512.00327, Eq. 8 to 15, with the inertial motion
+    expressed by a knot's state.
+    """
+    spec = RuledSurfaceSpec(
+        form="knot",
+        keys=(pose_key, velocity_key, bias_key, line_key),
+        noise_model=noise_model,
+        chart=chart,
+        motion=motion,
+        points=points,
+        body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
+        gravity=np.asarray(gravity),
+    )
+    return RuledSurfaceFactor(spec)
+
+
+def ruled_surface_factor_with_gravity_direction(
+    noise_model: noiseModel.Base,
+    pose_key: int,
+    velocity_key: int,
+    bias_key: int,
+    gravity_key: int,
+    line_key: int,
+    motion: FrameMotion,
+    chart: LineChart,
+    points: Points,
+    body_T_cam: gtsam.Pose3 | None = None,
+    gravity_magnitude: float = -STANDARD_GRAVITY[2],
+) -> RuledSurfaceFactor:
+    """`ruled_surface_factor` with the direction of gravity as a variable.
+
+    Takes `gravity_key` (Unit3, world gravity is magnitude times this direction: downwards) and
+    `gravity_magnitude` (m/s^2), as GTSAM's `CombinedImuFactorWithGravityDirection`; for all else
+    see `ruled_surface_factor`.
+    """
+    magnitude = positive_number("gravity_magnitude", gravity_magnitude)
+    spec = RuledSurfaceSpec(
+        form="knot_gravity_direction",
+        keys=(pose_key, velocity_key, bias_key, gravity_key, line_key),
+        noise_model=noise_model,
+        chart=chart,
+        motion=motion,
+        points=points,
+        body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
+        gravity=np.array([0.0, 0.0, -magnitude]),
+    )
+    return RuledSurfaceFactor(spec)
+
+
+def ruled_surface_factor_with_gravity_vector(
+    noise_model: noiseModel.Base,
+    pose_key: int,
+    velocity_key: int,
+    bias_key: int,
+    gravity_key: int,
+    line_key: int,
+    motion: FrameMotion,
+    chart: LineChart,
+    points: Points,
+    body_T_cam: gtsam.Pose3 | None = None,
+) -> RuledSurfaceFactor:
+    """`ruled_surface_factor` with the whole gravity vector as a variable.
+
+    Takes `gravity_key` (Vector3, world gravity in m/s^2), as GTSAM's
+    `CombinedImuFactorWithGravityVector`; for all else see `ruled_surface_factor`.
+    """
+    spec = RuledSurfaceSpec(
+        form="knot_gravity_vector",
+        keys=(pose_key, velocity_key, bias_key, gravity_key, line_key),
+        noise_model=noise_model,
+        chart=chart,
+        motion=motion,
+        points=points,
+        body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
+        gravity=np.array(STANDARD_GRAVITY),
+    )
+    return RuledSurfaceFactor(spec)
+
+
+def ruled_surface_pose_factor(
+    noise_model: noiseModel.Base,
+    pose_key: int,
+    line_key: int,
+    chart: LineChart,
+    points: Points,
+    body_T_cam: gtsam.Pose3 | None = None,
+) -> RuledSurfaceFactor:
+    """One line in one frame, for a graph that has a pose at every frame.
+
+    `pose_key` (Pose3) is world_T_body, or world_T_cam without `body_T_cam`; `points` hold that one
+    frame. For all else see `ruled_surface_factor`.
+    """
+    spec = RuledSurfaceSpec(
+        form="pose",
+        keys=(pose_key, line_key),
+        noise_model=noise_model,
+        chart=chart,
+        motion=FrameMotion.at_rest(),
+        points=points,
+        body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
+        gravity=np.array(STANDARD_GRAVITY),
+    )
+    return RuledSurfaceFactor(spec)

@@ -1,0 +1,200 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Edge points of one line, made ready for a factor.
+
+Their type chooses the residual:
+
+- `CompressedPoints`: the geometric one, three rows a frame whatever the number of points;
+- `IndividualPoints`: the paper's reprojection error, two rows a point.
+
+All points are in normalised, undistorted image coordinates, (x, y) = (X/Z, Y/Z).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ruledgraph_factors.errors import FactorError
+from ruledgraph_factors.ruled_surface import (
+    CameraLine,
+    Residual,
+    geometric_residual,
+    reprojection_residual,
+)
+from ruledgraph_factors.validation import (
+    FloatArray,
+    IntArray,
+    finite_array,
+    number,
+    positive_number,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class CompressedPoints:
+    """The points of n frames as triangular sufficient statistics; build with `from_frames`.
+
+    For any image line l and the points p_i = (x_i, y_i, 1) of a frame,
+    |C l|^2 = sum_i w_i (p_i . l)^2: C is the triangular factor of the QR decomposition of the
+    stacked sqrt(w_i) p_i. Nothing is lost as long as the loss is quadratic in the points.
+    """
+
+    statistics: FloatArray
+    """C of each frame, upper triangular, (n, 3, 3)."""
+
+    def __post_init__(self) -> None:
+        checked = finite_array("statistics", self.statistics, (None, 3, 3))
+        object.__setattr__(self, "statistics", checked)
+
+    @classmethod
+    def from_frames(
+        cls,
+        points: Sequence[ArrayLike],
+        weights: Sequence[ArrayLike] | None = None,
+        effective_points: float | None = None,
+    ) -> "CompressedPoints":
+        """Compress the points (N_i, 2), N_i >= 1, of each frame.
+
+        Args:
+            points: one array a frame.
+            weights: non-negative, one (N_i,) array a frame; by default all 1.
+            effective_points: the most information a frame may carry, in points of weight 1.
+                Neighbouring edge pixels are not independent: with a deviation of 1 px about 20 is
+                realistic. Heavier frames are scaled down to it. By default no cap.
+
+        Raises:
+            FactorError: for no frames, a frame without points, NaN, negative or all-zero weights.
+        """
+        frames, frame_weights = _checked_frames(points, weights, effective_points)
+        statistics = np.zeros((len(frames), 3, 3))
+        for i, (p, w) in enumerate(zip(frames, frame_weights, strict=True)):
+            rows = np.column_stack([p, np.ones(len(p))]) * np.sqrt(w)[:, None]
+            triangle = np.linalg.qr(rows, mode="r")
+            statistics[i, : len(triangle)] = triangle
+        return cls(statistics)
+
+    @property
+    def frames(self) -> int:
+        """Number of frames, n."""
+        return len(self.statistics)
+
+    @property
+    def rows(self) -> int:
+        """Rows of the residual, 3n: the dimension of the noise model."""
+        return 3 * len(self.statistics)
+
+    def residual(self, line: CameraLine) -> Residual:
+        """`geometric_residual` of these points."""
+        return geometric_residual(line, self.statistics)
+
+
+@dataclass(frozen=True, eq=False)
+class IndividualPoints:
+    """The points of n frames one by one; build with `from_frames`."""
+
+    points: FloatArray
+    """(N, 2), frame after frame."""
+    sqrt_weights: FloatArray
+    """(N,)."""
+    frame: IntArray
+    """Index of each point's frame, from 0 to n - 1 without a gap, (N,)."""
+
+    def __post_init__(self) -> None:
+        points = finite_array("points", self.points, (None, 2))
+        frame = finite_array("frame", self.frame, (len(points),)).astype(np.int64)
+        if len(points) == 0 or frame[0] != 0 or not np.isin(np.diff(frame), (0, 1)).all():
+            raise FactorError("frame must count the frames of the points from 0, in order")
+        weights = finite_array("sqrt_weights", self.sqrt_weights, (len(points),))
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "sqrt_weights", weights)
+        object.__setattr__(self, "frame", frame)
+
+    @classmethod
+    def from_frames(
+        cls,
+        points: Sequence[ArrayLike],
+        weights: Sequence[ArrayLike] | None = None,
+        effective_points: float | None = None,
+    ) -> "IndividualPoints":
+        """Keep the points of each frame; arguments and errors as `CompressedPoints.from_frames`."""
+        frames, frame_weights = _checked_frames(points, weights, effective_points)
+        index = np.repeat(np.arange(len(frames)), [len(p) for p in frames])
+        return cls(np.concatenate(frames), np.sqrt(np.concatenate(frame_weights)), index)
+
+    @property
+    def frames(self) -> int:
+        """Number of frames, n."""
+        return int(self.frame[-1]) + 1
+
+    @property
+    def rows(self) -> int:
+        """Rows of the residual, 2N: the dimension of the noise model."""
+        return 2 * len(self.points)
+
+    def residual(self, line: CameraLine) -> Residual:
+        """`reprojection_residual` of these points."""
+        return reprojection_residual(line, self.points, self.sqrt_weights, self.frame)
+
+
+def _checked_frames(
+    points: Sequence[ArrayLike],
+    weights: Sequence[ArrayLike] | None,
+    effective_points: float | None,
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    frames = [finite_array(f"points[{i}]", p, (None, 2)) for i, p in enumerate(points)]
+    if not frames:
+        raise FactorError("points is empty: at least one frame with one point is needed")
+    for i, frame in enumerate(frames):
+        if len(frame) == 0:
+            raise FactorError(
+                f"points[{i}] is empty: leave out a frame that saw nothing (motion.select)"
+            )
+    if weights is None:
+        frame_weights = [np.ones(len(frame)) for frame in frames]
+    else:
+        if len(weights) != len(frames):
+            raise FactorError(f"weights has {len(weights)} frames, but points has {len(frames)}")
+        frame_weights = [
+            finite_array(f"weights[{i}]", w, (len(frame),))
+            for i, (w, frame) in enumerate(zip(weights, frames, strict=True))
+        ]
+    for i, weight in enumerate(frame_weights):
+        if np.any(weight < 0.0) or not np.any(weight > 0.0):
+            raise FactorError(f"weights[{i}] must be non-negative and not all zero")
+    if effective_points is not None:
+        cap = positive_number("effective_points", effective_points)
+        frame_weights = [w * min(1.0, cap / float(w.sum())) for w in frame_weights]
+    return frames, frame_weights
+
+
+def bin_points(
+    times: ArrayLike, points: ArrayLike, bin_width: float
+) -> tuple[FloatArray, list[FloatArray]]:
+    """Bin points that each have a time of their own (event camera, rolling shutter).
+
+    Args:
+        times: of the points, in any order, (N,), s.
+        points: (N, 2).
+        bin_width: longest stretch of time that shares one pose, s; 0 gives every distinct time a
+            bin of its own. Within a bin a point moves against the bin's ruling by at most half of
+            bin width x image speed: keep that well below the noise of a point.
+
+    Returns:
+        The times of the bins, each the mean of its points', strictly increasing, (n,), and the
+        points of each, [(N_i, 2)]: `frame_times` of `preintegrate_frames` and `points` of
+        `from_frames`.
+    """
+    stamps = finite_array("times", times, (None,))
+    xy = finite_array("points", points, (stamps.size, 2))
+    if stamps.size == 0:
+        raise FactorError("times is empty")
+    if number("bin_width", bin_width) < 0.0:
+        raise FactorError(f"bin_width must not be negative, got {bin_width:g}")
+    bins = np.floor((stamps - stamps.min()) / bin_width) if bin_width > 0.0 else stamps
+    labels, index = np.unique(bins, return_inverse=True)
+    counts = np.bincount(index, minlength=labels.size)
+    offsets = np.bincount(index, weights=stamps - stamps.min(), minlength=labels.size) / counts
+    order = np.argsort(index, kind="stable")
+    return stamps.min() + offsets, np.split(xy[order], np.cumsum(counts)[:-1])

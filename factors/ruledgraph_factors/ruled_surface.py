@@ -1,0 +1,205 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The arithmetic of the point-to-ruled-surface residuals: arrays in, arrays out.
+
+For every frame of an interval the line is brought into the camera,
+
+    m = R_c^T (m_w - p_c x v_w),    d = R_c^T v_w / |v_w|,
+
+and compared with the edge points in one of two ways:
+
+- *geometric*: the exact distance of a point (x, y, 1) to the projected ruling, p . m / |m_xy|. All
+  points of a frame act through their triangular statistic C: three rows r = C m / |m_xy|.
+- *reprojection*, the paper's (Zhu, Burner, Aloimonos, arXiv 2512.00327, Eq. 12 to 15): with a point
+  S on the line, P = p d_z - d_xy, Phi = S_xy - p S_z and alpha = P . Phi / P . P,
+  r = p - (S + alpha d)_xy / (S + alpha d)_z, two rows a point.
+
+The columns of a Jacobian are, in this order, the tangents of pose (6), velocity (3), bias (6),
+gravity (3) and line (4).
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ruledgraph_factors.line import LineChart
+from ruledgraph_factors.motion import FrameMotion
+from ruledgraph_factors.so3 import hat
+from ruledgraph_factors.validation import FloatArray, IntArray
+
+COLUMNS = 22
+# A ruling with |m_xy| below this (for a unit Pluecker pair) has no finite image line: the camera's
+# centre lies on the line, or the line lies in the camera's focal plane.
+NO_RULING = 1e-9
+# GTSAM's projection factors give a point behind the camera this constant residual, too.
+BEHIND_CAMERA_RESIDUAL = 2.0
+_NEGLIGIBLE_DEPTH = 1e-9
+_END_ON = 1e-18
+
+
+class State(NamedTuple):
+    """What a factor depends on; see `FrameMotion.predict` for the first five."""
+
+    rotation: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    bias: FloatArray
+    gravity: FloatArray
+    line: FloatArray
+
+
+class CameraLine(NamedTuple):
+    """A line in each of n cameras, up to the common scale of its unit Pluecker pair."""
+
+    moment: FloatArray
+    """(n, 3); as an image line, (a, b, c) of a x + b y + c = 0."""
+    direction: FloatArray
+    """Unit, (n, 3)."""
+    in_front: float
+    """+1, or -1 when the chart's line has passed through infinity."""
+    d_moment: FloatArray | None
+    """(n, 3, 22)."""
+    d_direction: FloatArray | None
+    """(n, 3, 22)."""
+
+
+class Residual(NamedTuple):
+    """Unwhitened residual (rows,) and Jacobian (rows, 22), None when not asked for."""
+
+    value: FloatArray
+    jacobian: FloatArray | None
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """The constants that bring a line into the cameras of an interval."""
+
+    chart: LineChart
+    motion: FrameMotion
+    body_R_cam: FloatArray
+    body_t_cam: FloatArray
+
+    def line_in_cameras(self, state: State, want_jacobian: bool) -> CameraLine:
+        """The line in every frame's camera."""
+        frames = self.motion.predict(*state[:5], want_jacobian=want_jacobian)
+        world_R_anchor = self.chart.world_T_anchor.rotation().matrix()
+        u, phi, right_jacobian = self.chart.frame(state.line)
+        cosine, sine = float(np.cos(phi)), float(np.sin(phi))
+        normal, along, _ = (world_R_anchor @ u).T
+
+        body_R_world = np.swapaxes(frames.rotation, -1, -2)
+        cam_R_world = self.body_R_cam.T @ body_R_world
+        centre = frames.position + frames.rotation @ self.body_t_cam
+        offset = self.chart.world_T_anchor.translation() - centre
+        world_moment = cosine * normal + sine * np.cross(offset, along)
+        moment = np.einsum("nij,nj->ni", cam_R_world, world_moment)
+        direction = cam_R_world @ along
+        in_front = 1.0 if sine >= 0.0 else -1.0
+        if frames.jacobian is None:
+            return CameraLine(moment, direction, in_front, None, None)
+
+        # By each frame's own pose: right perturbation (rotation w, translation t) of the body.
+        cam_R_body = self.body_R_cam.T
+        body_moment = np.einsum("nij,nj->ni", body_R_world, world_moment)
+        body_direction = body_R_world @ along
+        across = hat(body_direction)
+        by_pose = np.empty((len(self.motion), 6, 6))
+        by_pose[:, :3, :3] = hat(body_moment) - sine * across @ hat(self.body_t_cam)
+        by_pose[:, :3, 3:] = sine * across
+        by_pose[:, 3:, :3] = across
+        by_pose[:, 3:, 3:] = 0.0
+
+        # By the line: u1 and u2 turn with w = Jr delta, phi grows with delta[3].
+        turn = hat(np.eye(3)) @ right_jacobian
+        d_normal, d_along = world_R_anchor @ u @ -turn[0], world_R_anchor @ u @ -turn[1]
+        lever = hat(offset)
+        d_world_moment = np.empty((len(self.motion), 3, 4))
+        d_world_moment[..., :3] = cosine * d_normal + sine * lever @ d_along
+        d_world_moment[..., 3] = -sine * normal + cosine * (lever @ along)
+
+        jacobian = np.zeros((len(self.motion), 6, COLUMNS))
+        jacobian[..., :18] = by_pose @ frames.jacobian
+        jacobian[:, :3, :18] = cam_R_body @ jacobian[:, :3, :18]
+        jacobian[:, 3:, :18] = cam_R_body @ jacobian[:, 3:, :18]
+        jacobian[:, :3, 18:] = cam_R_world @ d_world_moment
+        jacobian[:, 3:, 18:21] = cam_R_world @ d_along
+        return CameraLine(moment, direction, in_front, jacobian[:, :3], jacobian[:, 3:])
+
+
+def geometric_residual(line: CameraLine, statistics: FloatArray) -> Residual:
+    """Compressed distances of the points to the projected ruling, C m / |m_xy|: (3n,).
+
+    A frame without a finite ruling (see `NO_RULING`) carries no information: zero rows. Which side
+    of the camera the line is on makes no difference.
+
+    Args:
+        line: in the n cameras.
+        statistics: C of each frame, (n, 3, 3), from `compress_points`.
+    """
+    size = np.hypot(line.moment[:, 0], line.moment[:, 1])
+    visible = size > NO_RULING
+    inverse = np.where(visible, 1.0 / np.where(visible, size, 1.0), 0.0)[:, None]
+    unit = line.moment * inverse
+    value = np.einsum("nij,nj->ni", statistics, unit).reshape(-1)
+    if line.d_moment is None:
+        return Residual(value, None)
+    # d (m / |m_xy|) = (I - unit (unit_x, unit_y, 0)) dm / |m_xy|
+    projector = np.zeros((len(unit), 3, 3))
+    projector[:] = np.eye(3)
+    projector[:, :, :2] -= unit[:, :, None] * unit[:, None, :2]
+    jacobian = (statistics @ projector * inverse[..., None]) @ line.d_moment
+    return Residual(value, jacobian.reshape(-1, COLUMNS))
+
+
+def reprojection_residual(
+    line: CameraLine, points: FloatArray, sqrt_weights: FloatArray, frame: IntArray
+) -> Residual:
+    """The paper's ruling reprojection error with alpha in closed form: (2N,), two rows a point.
+
+    Positive depth: a point whose foot on the ruling does not lie in front of the camera has the
+    constant residual (2, 2) and zero derivative. A ruling seen end-on in the very point has zero
+    residual and derivative, the limit from any side.
+
+    Args:
+        line: in the n cameras.
+        points: of all frames, (N, 2).
+        sqrt_weights: (N,).
+        frame: the index of each point's frame, (N,).
+    """
+    # S = d x m is the point of the line closest to the camera's centre, times sin(phi): the common
+    # factor keeps a line at infinity regular and leaves alpha's foot in the same place.
+    closest = np.cross(line.direction, line.moment)[frame]
+    direction = line.direction[frame]
+    p_matrix = points * direction[:, 2:] - direction[:, :2]
+    phi = closest[:, :2] - points * closest[:, 2:]
+    pp = np.sum(p_matrix * p_matrix, axis=1)
+    regular = pp > _END_ON
+    safe_pp = np.where(regular, pp, 1.0)
+    alpha = np.sum(p_matrix * phi, axis=1) / safe_pp
+    foot = closest + alpha[:, None] * direction
+    depth = foot[:, 2] * line.in_front
+    behind = regular & (depth <= _NEGLIGIBLE_DEPTH)
+    valid = regular & ~behind
+    inverse = np.where(valid, 1.0 / np.where(valid, foot[:, 2], 1.0), 0.0)
+    projected = foot[:, :2] * inverse[:, None]
+    value = np.where(valid[:, None], points - projected, 0.0)
+    value[behind] = BEHIND_CAMERA_RESIDUAL
+    value = (value * sqrt_weights[:, None]).reshape(-1)
+    if line.d_moment is None or line.d_direction is None:
+        return Residual(value, None)
+
+    d_closest = (hat(line.direction) @ line.d_moment - hat(line.moment) @ line.d_direction)[frame]
+    d_direction = line.d_direction[frame]
+    d_p_matrix = points[..., None] * d_direction[:, 2:] - d_direction[:, :2]
+    d_phi = d_closest[:, :2] - points[..., None] * d_closest[:, 2:]
+    # d alpha = (Phi . dP + P . dPhi - 2 alpha P . dP) / P . P
+    bracket = phi - 2.0 * alpha[:, None] * p_matrix
+    d_alpha = np.einsum("ni,nij->nj", bracket, d_p_matrix)
+    d_alpha += np.einsum("ni,nij->nj", p_matrix, d_phi)
+    d_alpha /= safe_pp[:, None]
+    d_foot = d_closest + alpha[:, None, None] * d_direction
+    d_foot += direction[:, :, None] * d_alpha[:, None, :]
+    scale = (sqrt_weights * inverse)[:, None, None]
+    jacobian = -scale * (d_foot[:, :2] - projected[..., None] * d_foot[:, 2:])
+    return Residual(value, jacobian.reshape(-1, COLUMNS))

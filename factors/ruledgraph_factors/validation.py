@@ -1,0 +1,109 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Checks on what callers pass in; every message names the argument at fault."""
+
+import operator
+from typing import Any, TypeAlias
+
+import gtsam
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ruledgraph_factors.errors import FactorError
+
+FloatArray: TypeAlias = NDArray[np.float64]
+IntArray: TypeAlias = NDArray[np.int64]
+
+# Rotations built from float32 or from six printed digits pass; a scaled or mirrored one does not.
+ORTHONORMAL_TOLERANCE = 1e-5
+
+
+def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+    """`value` as a read-only float64 array of `shape` (None: any length), all finite."""
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise FactorError(f"{name} must be numbers: {error}") from None
+    wanted = "(" + ", ".join("N" if length is None else str(length) for length in shape) + ")"
+    if array.ndim != len(shape) or any(
+        want is not None and have != want for have, want in zip(array.shape, shape, strict=True)
+    ):
+        raise FactorError(f"{name} must have shape {wanted}, not {array.shape}")
+    bad = np.flatnonzero(~np.isfinite(array))
+    if bad.size:
+        where = ", ".join(str(int(i)) for i in np.unravel_index(bad[0], array.shape))
+        raise FactorError(f"{name} has a NaN or infinite value at [{where}]")
+    array.setflags(write=False)
+    return array
+
+
+def number(name: str, value: float) -> float:
+    """`value` as a finite float."""
+    return float(finite_array(name, value, ()))
+
+
+def positive_number(name: str, value: float) -> float:
+    """`value` as a finite float above zero."""
+    result = number(name, value)
+    if result <= 0.0:
+        raise FactorError(f"{name} must be positive, not {result:g}")
+    return result
+
+
+def increasing_times(name: str, value: ArrayLike) -> FloatArray:
+    """`value` as a non-empty, strictly increasing array of seconds."""
+    times = finite_array(name, value, (None,))
+    if times.size == 0:
+        raise FactorError(f"{name} is empty")
+    steps = np.diff(times)
+    if np.any(steps <= 0.0):
+        at = int(np.argmax(steps <= 0.0))
+        raise FactorError(
+            f"{name} must increase strictly, but {name}[{at + 1}] = {times[at + 1]:.9f} "
+            f"follows {name}[{at}] = {times[at]:.9f}"
+        )
+    return times
+
+
+def rotation_matrix(name: str, value: ArrayLike) -> FloatArray:
+    """`value` as a 3x3 rotation matrix."""
+    matrix = finite_array(name, value, (3, 3))
+    defect = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
+    if defect > ORTHONORMAL_TOLERANCE:
+        raise FactorError(
+            f"{name}: its rotation is not orthonormal (R R^T differs from I by {defect:.1e})"
+        )
+    if np.linalg.det(matrix) < 0.0:
+        raise FactorError(f"{name}: its rotation is a reflection (determinant -1)")
+    return matrix
+
+
+def pose(name: str, value: gtsam.Pose3) -> gtsam.Pose3:
+    """`value`, after checking that it is a finite rigid motion."""
+    if not isinstance(value, gtsam.Pose3):
+        raise FactorError(
+            f"{name} must be a gtsam.Pose3, not {type(value).__name__} "
+            "(a 4x4 matrix is wrapped by gtsam.Pose3(matrix))"
+        )
+    matrix = finite_array(name, value.matrix(), (4, 4))
+    rotation_matrix(name, matrix[:3, :3])
+    return value
+
+
+def graph_key(name: str, value: int) -> int:
+    """`value` as a GTSAM key, an integer from 0 to 2**64 - 1."""
+    try:
+        key = operator.index(value)
+    except TypeError:
+        key = -1
+    if isinstance(value, bool) or not 0 <= key < 2**64:
+        raise FactorError(
+            f"{name} must be an integer GTSAM key such as symbol_shorthand.X(0), not {value!r}"
+        )
+    return key
+
+
+def instance(name: str, value: Any, kind: type) -> None:
+    """Raise unless `value` is a `kind`."""
+    if not isinstance(value, kind):
+        raise FactorError(f"{name} must be a {kind.__name__}, not {type(value).__name__}")
