@@ -158,7 +158,8 @@ def reprojection_residual(
     """The paper's ruling reprojection error with alpha in closed form: (2N,), two rows a point.
 
     Positive depth: a point whose foot on the ruling does not lie in front of the camera has the
-    constant residual (2, 2) and zero derivative. A ruling seen end-on in the very point has zero
+    constant residual (2, 2) and zero derivative, and so has every point of a line that the chart
+    has carried beyond infinity, phi < 0. A ruling seen end-on in the very point has zero
     residual and derivative, the limit from any side.
 
     Args:

@@ -18,7 +18,7 @@ _INVERSE_SERIES_ANGLE = 0.5
 
 
 def hat(v: FloatArray) -> FloatArray:
-    """Cross-product matrices [v]x, (..., 3, 3), such that hat(v) @ w is v x w."""
+    """Cross-product matrices [v]x, (..., 3, 3): [v]x w is v x w."""
     result = np.zeros((*v.shape, 3))
     result[..., 0, 1] = -v[..., 2]
     result[..., 0, 2] = v[..., 1]

@@ -24,7 +24,7 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise FactorError(f"{name} must be numbers: {error}") from None
-    wanted = "(" + ", ".join("N" if length is None else str(length) for length in shape) + ")"
+    wanted = str(tuple("N" if length is None else length for length in shape)).replace("'", "")
     if array.ndim != len(shape) or any(
         want is not None and have != want for have, want in zip(array.shape, shape, strict=True)
     ):

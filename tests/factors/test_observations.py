@@ -1,0 +1,100 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Compression of points to sufficient statistics, weights, caps and time bins."""
+
+import numpy as np
+import pytest
+from ruledgraph_factors import CompressedPoints, FactorError, IndividualPoints, bin_points
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 100, 2000])
+def test_statistics_equal_the_weighted_sum_over_points(count: int) -> None:
+    rng = np.random.default_rng(count)
+    points, weights = rng.normal(size=(count, 2)) * 0.4, rng.uniform(0.1, 2.0, size=count)
+    line = rng.normal(size=3)
+    compressed = CompressedPoints.from_frames([points], [weights])
+    distances = np.column_stack([points, np.ones(count)]) @ line
+    expected = np.sum(weights * distances**2)
+    assert np.sum((compressed.statistics[0] @ line) ** 2) == pytest.approx(expected, rel=1e-12)
+    assert np.allclose(np.tril(compressed.statistics[0], -1), 0.0)
+
+
+def test_effective_points_cap_a_frame_and_leave_lighter_ones() -> None:
+    rng = np.random.default_rng(0)
+    frames = [rng.normal(size=(200, 2)), rng.normal(size=(5, 2))]
+    free = CompressedPoints.from_frames(frames).statistics
+    capped = CompressedPoints.from_frames(frames, effective_points=20.0).statistics
+    np.testing.assert_allclose(capped[0], free[0] * np.sqrt(20.0 / 200.0))
+    np.testing.assert_array_equal(capped[1], free[1])
+    individual = IndividualPoints.from_frames(frames, effective_points=20.0)
+    np.testing.assert_allclose(individual.sqrt_weights[:200] ** 2, 0.1)
+
+
+def test_rows_and_frames() -> None:
+    frames = [np.zeros((4, 2)), np.ones((2, 2))]
+    assert (
+        CompressedPoints.from_frames(frames).frames,
+        CompressedPoints.from_frames(frames).rows,
+    ) == (2, 6)
+    individual = IndividualPoints.from_frames(frames)
+    assert (individual.frames, individual.rows) == (2, 12)
+    np.testing.assert_array_equal(individual.frame, [0, 0, 0, 0, 1, 1])
+
+
+def test_bins_share_a_time_and_lose_no_point() -> None:
+    rng = np.random.default_rng(1)
+    times, points = 5.0 + rng.uniform(size=500) * 0.1, rng.normal(size=(500, 2))
+    bin_times, binned = bin_points(times, points, 1e-3)
+    assert np.all(np.diff(bin_times) > 0.0)
+    assert len(bin_times) == len(binned) <= 101
+    gathered = np.concatenate(binned)
+    assert sorted(map(tuple, gathered)) == sorted(map(tuple, points))
+    for time, inside in zip(bin_times, binned, strict=True):
+        own = times[[np.flatnonzero((points == p).all(axis=1))[0] for p in inside]]
+        assert np.ptp(own) <= 1e-3
+        assert time == pytest.approx(own.mean(), abs=1e-12)
+
+
+def test_zero_bin_width_keeps_every_distinct_time() -> None:
+    times = np.array([0.3, 0.1, 0.3, 0.2])
+    points = np.arange(8.0).reshape(4, 2)
+    bin_times, binned = bin_points(times, points, 0.0)
+    np.testing.assert_allclose(bin_times, [0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(binned[2], points[[0, 2]])
+
+
+ONE = [np.zeros((1, 2))]
+
+
+@pytest.mark.parametrize("kind", [CompressedPoints, IndividualPoints])
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([],), "points is empty: at least one"),
+        (([*ONE, np.zeros((0, 2))],), r"points\[1\] is empty: leave out"),
+        (([np.zeros((3, 3))],), r"points\[0\] must have shape \(N, 2\), not \(3, 3\)"),
+        (([[[0.0, np.nan]]],), r"points\[0\] has a NaN or infinite value at \[0, 1\]"),
+        ((ONE, []), "weights has 0 frames, but points has 1"),
+        ((ONE, [[1.0, 1.0]]), r"weights\[0\] must have shape \(1,\)"),
+        ((ONE, [[-1.0]]), r"weights\[0\] must be non-negative"),
+        ((ONE, [[0.0]]), r"weights\[0\] must be non-negative and not all zero"),
+        ((ONE, None, 0.0), "effective_points must be positive, not 0"),
+    ],
+)
+def test_bad_points_name_the_argument(kind, arguments: tuple, message: str) -> None:
+    with pytest.raises(FactorError, match=message):
+        kind.from_frames(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([], np.zeros((0, 2)), 0.1), "times is empty"),
+        (([0.0, 1.0], np.zeros((1, 2)), 0.1), r"points must have shape \(2, 2\)"),
+        (([0.0], np.zeros((1, 2)), -0.1), "bin_width must not be negative"),
+        (([np.nan], np.zeros((1, 2)), 0.1), "times has a NaN"),
+    ],
+)
+def test_bad_bins_name_the_argument(arguments: tuple, message: str) -> None:
+    with pytest.raises(FactorError, match=message):
+        bin_points(*arguments)

@@ -1,0 +1,86 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Random, geometrically sensible factors of every form, with values to evaluate them at."""
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from gtsam import noiseModel
+from gtsam.symbol_shorthand import B, G, L, V, X
+from ruledgraph_factors import (
+    CompressedPoints,
+    FrameMotion,
+    IndividualPoints,
+    LineChart,
+    RuledSurfaceFactor,
+    ruled_surface_factor,
+    ruled_surface_factor_with_gravity_direction,
+    ruled_surface_factor_with_gravity_vector,
+    ruled_surface_pose_factor,
+)
+
+FORMS = ("knot", "knot_gravity_direction", "knot_gravity_vector", "pose")
+POINTS = (CompressedPoints, IndividualPoints)
+
+
+@dataclass
+class Case:
+    """One random configuration: a camera on a moving body sees a line, with some error."""
+
+    rng: np.random.Generator
+    motion: FrameMotion
+    chart: LineChart
+    frames: list[np.ndarray]
+    body_T_cam: gtsam.Pose3
+    values: gtsam.Values
+
+    def factor(self, form: str, kind=CompressedPoints, sigma: float = 1.0) -> RuledSurfaceFactor:
+        frames = self.frames[:1] if form == "pose" else self.frames
+        points = kind.from_frames(frames)
+        noise = noiseModel.Isotropic.Sigma(points.rows, sigma)
+        knot = (X(0), V(0), B(0))
+        rest = (self.motion, self.chart, points, self.body_T_cam)
+        if form == "knot":
+            return ruled_surface_factor(noise, *knot, L(0), *rest)
+        if form == "knot_gravity_direction":
+            return ruled_surface_factor_with_gravity_direction(noise, *knot, G(0), L(0), *rest)
+        if form == "knot_gravity_vector":
+            return ruled_surface_factor_with_gravity_vector(noise, *knot, G(1), L(0), *rest)
+        return ruled_surface_pose_factor(noise, X(0), L(0), *rest[1:])
+
+
+def random_case(seed: int, frames: int = 3, points: int = 6, distance: float | None = None) -> Case:
+    """A line `distance` metres away (by default 1 to 6), seen from a body that moves."""
+    rng = np.random.default_rng(seed)
+    world_T_body = gtsam.Pose3(gtsam.Rot3.Expmap(rng.normal(size=3)), rng.normal(size=3))
+    body_T_cam = gtsam.Pose3(gtsam.Rot3.Expmap(rng.normal(size=3)), rng.normal(size=3) * 0.1)
+    elapsed = np.cumsum(rng.uniform(0.005, 0.03, size=frames))
+    motion = FrameMotion(
+        elapsed,
+        np.hstack([rng.normal(size=(frames, 3)) * 0.05, rng.normal(size=(frames, 6)) * 0.02]),
+        rng.normal(size=(frames, 9, 6)) * 0.05,
+        rng.normal(size=6) * 0.05,
+    )
+    far = rng.uniform(1.0, 6.0) if distance is None else distance
+    ends = rng.uniform(-0.5, 0.5, size=(2, 2))
+    while np.linalg.norm(ends[1] - ends[0]) < 0.2:
+        ends = rng.uniform(-0.5, 0.5, size=(2, 2))
+    world_T_cam = world_T_body * body_T_cam
+    first, second = (
+        world_T_cam.transformFrom(far * rng.uniform(0.7, 1.4) * np.append(end, 1.0)) for end in ends
+    )
+    anchor = world_T_cam.retract(rng.normal(size=6) * 0.1)
+    chart = LineChart.from_points(anchor, first, second)
+    along = rng.uniform(size=(frames, points, 1))
+    seen = ends[0] + along * (ends[1] - ends[0]) + rng.normal(size=(frames, points, 2)) * 0.02
+
+    values = gtsam.Values()
+    values.insert(X(0), world_T_body)
+    values.insert(V(0), rng.normal(size=3) * 0.5)
+    bias = rng.normal(size=6) * 0.1
+    values.insert(B(0), gtsam.imuBias.ConstantBias(bias[:3], bias[3:]))
+    values.insert(G(0), gtsam.Unit3(rng.normal(size=3)))
+    values.insert(G(1), rng.normal(size=3) * 9.0)
+    values.insert(L(0), np.append(rng.normal(size=3) * 0.02, rng.normal() * 0.01))
+    return Case(rng, motion, chart, list(seen), body_T_cam, values)
