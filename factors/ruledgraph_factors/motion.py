@@ -214,8 +214,8 @@ class FrameMotion:
         if not want_jacobian:
             return PredictedPoses(rotations, positions, None)
 
-        frame_R_knot = np.swapaxes(delta_rotation, -1, -2)
-        frame_R_world = np.swapaxes(rotations, -1, -2)
+        frame_R_knot = delta_rotation.transpose(0, 2, 1)
+        frame_R_world = rotations.transpose(0, 2, 1)
         jacobian = np.zeros((len(self), 6, 18))
         jacobian[:, :3, 0:3] = frame_R_knot
         jacobian[:, 3:, 0:3] = -frame_R_knot @ hat(delta_position)

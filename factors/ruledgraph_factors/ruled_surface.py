@@ -36,6 +36,7 @@ NO_RULING = 1e-9
 BEHIND_CAMERA_RESIDUAL = 2.0
 _NEGLIGIBLE_DEPTH = 1e-9
 _END_ON = 1e-18
+_AXIS_HATS = hat(np.eye(3)[:2])
 
 
 class State(NamedTuple):
@@ -88,12 +89,12 @@ class Geometry:
         cosine, sine = float(np.cos(phi)), float(np.sin(phi))
         normal, along, _ = (world_R_anchor @ u).T
 
-        body_R_world = np.swapaxes(frames.rotation, -1, -2)
+        body_R_world = frames.rotation.transpose(0, 2, 1)
         cam_R_world = self.body_R_cam.T @ body_R_world
         centre = frames.position + frames.rotation @ self.body_t_cam
-        offset = self.chart.world_T_anchor.translation() - centre
-        world_moment = cosine * normal + sine * np.cross(offset, along)
-        moment = np.einsum("nij,nj->ni", cam_R_world, world_moment)
+        lever = hat(self.chart.world_T_anchor.translation() - centre)
+        world_moment = cosine * normal + sine * (lever @ along)
+        moment = (cam_R_world @ world_moment[..., None])[..., 0]
         direction = cam_R_world @ along
         in_front = 1.0 if sine >= 0.0 else -1.0
         if frames.jacobian is None:
@@ -101,7 +102,7 @@ class Geometry:
 
         # By each frame's own pose: right perturbation (rotation w, translation t) of the body.
         cam_R_body = self.body_R_cam.T
-        body_moment = np.einsum("nij,nj->ni", body_R_world, world_moment)
+        body_moment = (body_R_world @ world_moment[..., None])[..., 0]
         body_direction = body_R_world @ along
         across = hat(body_direction)
         by_pose = np.empty((len(self.motion), 6, 6))
@@ -111,9 +112,7 @@ class Geometry:
         by_pose[:, 3:, 3:] = 0.0
 
         # By the line: u1 and u2 turn with w = Jr delta, phi grows with delta[3].
-        turn = hat(np.eye(3)) @ right_jacobian
-        d_normal, d_along = world_R_anchor @ u @ -turn[0], world_R_anchor @ u @ -turn[1]
-        lever = hat(offset)
+        d_normal, d_along = -world_R_anchor @ u @ _AXIS_HATS @ right_jacobian
         d_world_moment = np.empty((len(self.motion), 3, 4))
         d_world_moment[..., :3] = cosine * d_normal + sine * lever @ d_along
         d_world_moment[..., 3] = -sine * normal + cosine * (lever @ along)
@@ -141,7 +140,7 @@ def geometric_residual(line: CameraLine, statistics: FloatArray) -> Residual:
     visible = size > NO_RULING
     inverse = np.where(visible, 1.0 / np.where(visible, size, 1.0), 0.0)[:, None]
     unit = line.moment * inverse
-    value = np.einsum("nij,nj->ni", statistics, unit).reshape(-1)
+    value = (statistics @ unit[..., None]).reshape(-1)
     if line.d_moment is None:
         return Residual(value, None)
     # d (m / |m_xy|) = (I - unit (unit_x, unit_y, 0)) dm / |m_xy|

@@ -15,6 +15,7 @@ from ruledgraph_factors.validation import FloatArray
 # exact to float64.
 _SERIES_ANGLE = 0.3
 _INVERSE_SERIES_ANGLE = 0.5
+_IDENTITY = np.eye(3)
 
 
 def hat(v: FloatArray) -> FloatArray:
@@ -39,24 +40,32 @@ def exp_and_right_jacobian(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
     Exp = I + a K + b K^2 and Jr = I - b K + c K^2 with K = [theta]x, a = sin(t)/t,
     b = (1 - cos t)/t^2, c = (t - sin t)/t^3.
     """
-    angle = np.linalg.norm(theta, axis=-1)
-    a = np.sinc(angle / np.pi)
-    b = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
-    s = angle * angle
-    small = angle < _SERIES_ANGLE
-    series = (1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0 * (1.0 - s / 110.0)))) / 6.0
-    c = np.where(small, series, (1.0 - a) / np.where(small, 1.0, s))
+    s = np.einsum("...i,...i->...", theta, theta)
+    small = s < _SERIES_ANGLE**2
+    angle = np.sqrt(np.where(small, 1.0, s))
+    a = np.where(small, _series(s, 6.0, 20.0, 42.0, 72.0, 110.0), np.sin(angle) / angle)
+    b = np.where(
+        small, 0.5 * _series(s, 12.0, 30.0, 56.0, 90.0, 132.0), (1.0 - np.cos(angle)) / angle**2
+    )
+    c = np.where(small, _series(s, 20.0, 42.0, 72.0, 110.0, 156.0) / 6.0, (1.0 - a) / angle**2)
     k = hat(theta)
-    k2 = k @ k
-    identity = np.eye(3)
-    return identity + _scaled(k, a) + _scaled(k2, b), identity - _scaled(k, b) + _scaled(k2, c)
+    k2 = theta[..., :, None] * theta[..., None, :] - _scaled(_IDENTITY, s)
+    return _IDENTITY + _scaled(k, a) + _scaled(k2, b), _IDENTITY - _scaled(k, b) + _scaled(k2, c)
+
+
+def _series(s: FloatArray, *divisors: float) -> FloatArray:
+    """The alternating series 1 - s/d1 (1 - s/d2 (1 - ...))."""
+    total = np.ones_like(s)
+    for divisor in reversed(divisors):
+        total = 1.0 - s / divisor * total
+    return np.asarray(total)
 
 
 def inverse_right_jacobian(theta: FloatArray) -> FloatArray:
     """Inverse right Jacobians I + K/2 + c K^2, (..., 3, 3), for angles below 2 pi."""
     k = hat(theta)
     c, _ = _inverse_coefficient(theta)
-    return np.asarray(np.eye(3) + 0.5 * k + _scaled(k @ k, c))
+    return np.asarray(_IDENTITY + 0.5 * k + _scaled(k @ k, c))
 
 
 def inverse_right_jacobian_action_derivative(theta: FloatArray, w: FloatArray) -> FloatArray:
@@ -65,7 +74,7 @@ def inverse_right_jacobian_action_derivative(theta: FloatArray, w: FloatArray) -
     dot = np.sum(theta * w, axis=-1)
     double_cross = theta * dot[..., None] - w * np.sum(theta * theta, axis=-1)[..., None]
     outer = theta[..., :, None] * w[..., None, :]
-    d_double_cross = _scaled(np.eye(3), dot) + outer - 2.0 * np.swapaxes(outer, -1, -2)
+    d_double_cross = _scaled(_IDENTITY, dot) + outer - 2.0 * np.swapaxes(outer, -1, -2)
     gradient = double_cross[..., :, None] * (slope[..., None] * theta)[..., None, :]
     return np.asarray(-0.5 * hat(w) + gradient + _scaled(d_double_cross, c))
 
