@@ -8,6 +8,7 @@ import gtsam
 import numpy as np
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, G, L, V, X
+
 from ruledgraph_factors import (
     CompressedPoints,
     FrameMotion,

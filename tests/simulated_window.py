@@ -8,6 +8,9 @@ import gtsam
 import numpy as np
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, L, V, X
+
+from ruledgraph.simulation import D435I_LIKE, ImuNoise, SimulatedImu, SplineMotion, simulate_imu
+from ruledgraph.simulation.edges import observe_segment
 from ruledgraph_factors import (
     CompressedPoints,
     LineChart,
@@ -15,9 +18,6 @@ from ruledgraph_factors import (
     preintegrate_frames,
     ruled_surface_factor,
 )
-
-from ruledgraph.simulation import D435I_LIKE, ImuNoise, SimulatedImu, SplineMotion, simulate_imu
-from ruledgraph.simulation.edges import observe_segment
 
 FOCAL_LENGTH = 600.0
 BODY_T_CAM = gtsam.Pose3(

@@ -18,6 +18,7 @@ import gtsam
 import numpy as np
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, L, V, X
+
 from ruledgraph_factors import (
     CompressedPoints,
     FrameMotion,

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-from ruledgraph_factors import STANDARD_GRAVITY, ImuSamples
 
 from ruledgraph.simulation.motion import FloatArray, SplineMotion
+from ruledgraph_factors import STANDARD_GRAVITY, ImuSamples
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, G, L, V, X
+from scipy.optimize import minimize_scalar
+
 from random_factors import FORMS, POINTS, random_case
+from ruledgraph.simulation import D435I_LIKE, SplineMotion, simulate_imu
 from ruledgraph_factors import (
     STANDARD_GRAVITY,
     CompressedPoints,
@@ -26,9 +29,6 @@ from ruledgraph_factors import (
     ruled_surface_factor_with_gravity_vector,
     ruled_surface_pose_factor,
 )
-from scipy.optimize import minimize_scalar
-
-from ruledgraph.simulation import D435I_LIKE, SplineMotion, simulate_imu
 
 
 def pose_error(kind, chart: LineChart, points: np.ndarray, delta=(0, 0, 0, 0)) -> np.ndarray:

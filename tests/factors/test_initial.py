@@ -5,6 +5,9 @@
 import gtsam
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+
+from ruledgraph.simulation import SplineMotion
 from ruledgraph_factors import (
     STANDARD_GRAVITY,
     DegenerateWindowError,
@@ -16,7 +19,6 @@ from ruledgraph_factors import (
     preintegrate_frames,
     solve_first_window,
 )
-from scipy.spatial.transform import Rotation
 from simulated_window import (
     BODY_T_CAM,
     DURATION,
@@ -24,8 +26,6 @@ from simulated_window import (
     Window,
     simulate_window,
 )
-
-from ruledgraph.simulation import SplineMotion
 
 TIMES = np.linspace(0.0, DURATION, 9)
 STILL = np.zeros((9, 3))

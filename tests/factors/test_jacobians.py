@@ -11,6 +11,7 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, X
+
 from numerics import factor_jacobians, numerical_jacobian, relative_error
 from random_factors import FORMS, POINTS, Case, random_case
 from ruledgraph_factors import CompressedPoints, IndividualPoints, LineChart

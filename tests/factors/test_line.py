@@ -5,6 +5,7 @@
 import gtsam
 import numpy as np
 import pytest
+
 from numerics import derivative, relative_error
 from ruledgraph_factors import FactorError, LineChart
 

@@ -5,7 +5,9 @@
 import gtsam
 import numpy as np
 import pytest
+
 from numerics import derivative, relative_error
+from ruledgraph.simulation import D435I_LIKE, SplineMotion, simulate_imu
 from ruledgraph_factors import (
     STANDARD_GRAVITY,
     FactorError,
@@ -13,8 +15,6 @@ from ruledgraph_factors import (
     ImuSamples,
     preintegrate_frames,
 )
-
-from ruledgraph.simulation import D435I_LIKE, SplineMotion, simulate_imu
 
 GRAVITY = np.array(STANDARD_GRAVITY)
 BIAS = gtsam.imuBias.ConstantBias(np.array([0.1, -0.2, 0.05]), np.array([0.01, 0.03, -0.08]))

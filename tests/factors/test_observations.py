@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+
 from ruledgraph_factors import CompressedPoints, FactorError, IndividualPoints, bin_points
 
 

@@ -11,6 +11,7 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam import noiseModel
+
 from random_factors import FORMS, POINTS, random_case
 from ruledgraph_factors import FactorError, RuledSurfaceFactor, RuledSurfaceSpec
 

@@ -6,11 +6,15 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import B, L, V, X
-from numerics import dimension, read
 from scipy.stats import chi2
+
+from numerics import dimension, read
 from simulated_window import SEGMENTS, optimize, smoothing_problem
 
 SEEDS = 100
+
+# The runs are shared: all tests that look at them belong on one worker of pytest-xdist.
+one_worker = pytest.mark.xdist_group("solved windows")
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +47,7 @@ def solved() -> list[dict[str, float]]:
     return results
 
 
+@one_worker
 def test_converges_from_a_depth_wrong_by_two_for_every_seed(solved) -> None:
     """A run that ends elsewhere is off by decimetres; the standard deviation here is 3 mm."""
     assert max(result["position error"] for result in solved) < 0.012
@@ -50,6 +55,7 @@ def test_converges_from_a_depth_wrong_by_two_for_every_seed(solved) -> None:
         assert max(r[kind] for r in solved) < chi2.ppf(1.0 - 1e-6, degrees)
 
 
+@one_worker
 @pytest.mark.parametrize(
     ("kind", "degrees"),
     [("pose", 6), ("velocity", 3), ("pose in the middle", 6)]

@@ -1,0 +1,7 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""`python -m ruledgraph` is the `ruledgraph` command."""
+
+from ruledgraph.cli import main
+
+main()
