@@ -145,7 +145,8 @@ def smoothing_problem(
         if first_frame + frames_per_knot < len(window.times):
             end = window.times[first_frame + frames_per_knot]
             preintegrated = gtsam.PreintegratedCombinedMeasurements(params, bias)
-            for segment in window.imu.samples.segments(time, end, bias=bias):
+            used = window.times[frames]
+            for segment in window.imu.samples.segments(time, end, at=used, bias=bias):
                 preintegrated.integrateMeasurement(*segment)
             keys = (X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1))
             graph.add(gtsam.CombinedImuFactor(*keys, preintegrated))

@@ -13,12 +13,7 @@ from ruledgraph_factors.factor import (
     ruled_surface_factor_with_gravity_vector,
     ruled_surface_pose_factor,
 )
-from ruledgraph_factors.initial import (
-    LineTrack,
-    WindowSolution,
-    line_from_ruling,
-    solve_first_window,
-)
+from ruledgraph_factors.first_window import LineTrack, WindowSolution, solve_first_window
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.motion import (
     STANDARD_GRAVITY,
@@ -28,9 +23,11 @@ from ruledgraph_factors.motion import (
     preintegrate_frames,
 )
 from ruledgraph_factors.observations import CompressedPoints, IndividualPoints, bin_points
+from ruledgraph_factors.ruling import NEW_LINE_SIGMAS, line_from_ruling
 from ruledgraph_factors.spec import RuledSurfaceSpec
 
 __all__ = [
+    "NEW_LINE_SIGMAS",
     "STANDARD_GRAVITY",
     "CompressedPoints",
     "DegenerateWindowError",

@@ -16,7 +16,7 @@ from ruledgraph_factors.errors import FactorError
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.motion import STANDARD_GRAVITY, FrameMotion
 from ruledgraph_factors.observations import CompressedPoints, IndividualPoints
-from ruledgraph_factors.ruled_surface import Geometry, State
+from ruledgraph_factors.ruled_surface import Geometry, Residual, State
 from ruledgraph_factors.spec import RuledSurfaceSpec
 from ruledgraph_factors.validation import FloatArray, positive_number
 
@@ -24,6 +24,14 @@ Points = CompressedPoints | IndividualPoints
 
 _POSE, _VELOCITY, _BIAS = slice(0, 6), slice(6, 9), slice(9, 15)
 _GRAVITY, _LINE = slice(15, 18), slice(18, 22)
+
+
+def evaluate(geometry: Geometry, points: Points, state: State, want_jacobian: bool) -> Residual:
+    """All the arithmetic of a factor: constant arrays and a state in, residual arrays out.
+
+    A native kernel has this one function to replace.
+    """
+    return points.residual(geometry.line_in_cameras(state, want_jacobian))
 
 
 class RuledSurfaceFactor(gtsam.CustomFactor):
@@ -66,12 +74,7 @@ class _ErrorFunction:
         self._points = spec.points
         self._gravity = spec.gravity
         self._magnitude = float(np.linalg.norm(spec.gravity))
-        self._geometry = Geometry(
-            spec.chart,
-            spec.motion,
-            spec.body_T_cam.rotation().matrix(),
-            spec.body_T_cam.translation(),
-        )
+        self._geometry = Geometry(spec.chart, spec.motion, spec.body_T_cam)
 
     def __call__(
         self, this: gtsam.CustomFactor, values: gtsam.Values, H: list[FloatArray] | None
@@ -82,7 +85,7 @@ class _ErrorFunction:
         by_gravity = np.eye(3)
         columns = [_POSE, _LINE]
         if self._form != "pose":
-            velocity = values.atVector(keys[1])
+            velocity = _vector(values, keys[1], 3)
             bias = values.atConstantBias(keys[2]).vector()
             columns[1:1] = [_VELOCITY, _BIAS]
         if self._form == "knot_gravity_direction":
@@ -91,7 +94,7 @@ class _ErrorFunction:
             by_gravity = self._magnitude * direction.basis()
             columns.insert(3, _GRAVITY)
         elif self._form == "knot_gravity_vector":
-            gravity = values.atVector(keys[3])
+            gravity = _vector(values, keys[3], 3)
             columns.insert(3, _GRAVITY)
         state = State(
             pose.rotation().matrix(),
@@ -99,15 +102,22 @@ class _ErrorFunction:
             velocity,
             bias,
             gravity,
-            values.atVector(keys[-1]),
+            _vector(values, keys[-1], 4),
         )
-        line = self._geometry.line_in_cameras(state, want_jacobian=H is not None)
-        residual = self._points.residual(line)
+        residual = evaluate(self._geometry, self._points, state, want_jacobian=H is not None)
         if H is not None and residual.jacobian is not None:
             for i, block in enumerate(columns):
                 part = residual.jacobian[:, block]
                 H[i] = np.asfortranarray(part @ by_gravity if block is _GRAVITY else part)
         return residual.value
+
+
+def _vector(values: gtsam.Values, key: int, size: int) -> FloatArray:
+    vector = values.atVector(key)
+    if vector.size != size:
+        name = gtsam.DefaultKeyFormatter(key)
+        raise FactorError(f"{name} must hold a vector of {size}, not of {vector.size}")
+    return vector
 
 
 def ruled_surface_factor(

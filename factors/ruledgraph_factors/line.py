@@ -38,6 +38,8 @@ from ruledgraph_factors.validation import FloatArray, finite_array, number, pose
 # Below this, a unit Pluecker pair's direction (or moment) is rounding noise: the line is at
 # infinity (or runs through the centre).
 NEGLIGIBLE = 1e-12
+# How far (rad) the foot of a ruling may lie off it: rounding and pixel noise, not another line.
+_FOOT_ON_LINE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +131,8 @@ class LineChart:
             ray = np.array([-a * c, -b * c, a * a + b * b])
         else:
             ray = np.append(finite_array("foot", foot, (2,)), 1.0)
+            if abs(normal @ ray) > _FOOT_ON_LINE * np.linalg.norm(ray):
+                raise FactorError("foot: this image point does not lie on image_line")
             ray = ray - normal * (normal @ ray)
         u3 = -ray / np.linalg.norm(ray)
         basis = np.stack([normal, np.cross(u3, normal), u3], axis=1)
@@ -241,7 +245,8 @@ class LineChart:
     def inverse_distance(self, delta: ArrayLike) -> tuple[float, FloatArray]:
         """tan(phi), one over the distance to the anchor's centre (1/m), and its derivative, (4,).
 
-        Negative when the line has passed through infinity to the other side of the anchor.
+        It changes sign where the line passes through infinity to the anchor's other side, and
+        again where it passes through the anchor's centre.
         """
         tangent = float(np.tan(self.angle + _delta(delta)[3]))
         return tangent, np.array([0.0, 0.0, 0.0, 1.0 + tangent**2])
@@ -267,7 +272,8 @@ class LineChart:
         self, delta: ArrayLike, point: ArrayLike
     ) -> tuple[float, FloatArray, FloatArray]:
         """Distance from the line to a world point (m), its derivatives by `delta`, (4,), and by
-        the point, (3,). On the line itself, where the distance has a kink, both are zero.
+        the point, (3,). On the line itself, to rounding, where the distance has a kink, both
+        derivatives are zero.
 
         Raises:
             FactorError: for a line at infinity.
@@ -276,7 +282,8 @@ class LineChart:
         closest, d_closest = self.closest_point(delta, point)
         offset = point - closest
         distance = float(np.linalg.norm(offset))
-        unit = offset / distance if distance > 0.0 else np.zeros(3)
+        rounding = NEGLIGIBLE * (1.0 + float(np.linalg.norm(point)))
+        unit = offset / distance if distance > rounding else np.zeros(3)
         # `closest` moves along the line with `point`, and `unit` is perpendicular to the line.
         return distance, -unit @ d_closest, unit
 
@@ -339,10 +346,12 @@ def _in_anchor(
     rotation, position = _arrays(world_T_anchor)
     m = finite_array("moment", moment, (3,))
     v = finite_array("direction", direction, (3,))
+    largest = max(float(np.abs(m).max()), float(np.abs(v).max()))
+    if largest == 0.0:
+        raise FactorError("direction: moment and direction are both zero, that is no line")
+    m, v = m / largest, v / largest
     m, v = rotation.T @ (m - np.cross(position, v)), rotation.T @ v
     size = float(np.sqrt(m @ m + v @ v))
-    if size == 0.0:
-        raise FactorError("direction: moment and direction are both zero, that is no line")
     m, v = m / size, v / size
     if np.linalg.norm(v) > NEGLIGIBLE:
         m = m - v * (v @ m) / (v @ v)

@@ -9,6 +9,8 @@ of their own; their poses follow from the knot's by preintegration:
 
 with (theta, dp, dv)(b) = (theta, dp, dv)(b0) + H (b - b0), the first-order bias correction.
 
+H is the derivative at fixed segments (see `ImuSamples.segments`), as in GTSAM.
+
 Source: tangent-space preintegration as in GTSAM's `TangentPreintegration`, which is what its
 `PreintegratedCombinedMeasurements` runs by default. GTSAM's Python wheel does not expose H, hence
 this integrator; the numbers agree with GTSAM's `predict`.
@@ -29,7 +31,14 @@ from ruledgraph_factors.so3 import (
     inverse_right_jacobian,
     inverse_right_jacobian_action_derivative,
 )
-from ruledgraph_factors.validation import FloatArray, finite_array, increasing_times, instance
+from ruledgraph_factors.validation import (
+    SAME_TIME,
+    FloatArray,
+    finite_array,
+    increasing_times,
+    instance,
+    number,
+)
 
 STANDARD_GRAVITY: tuple[float, float, float] = (0.0, 0.0, -9.81)
 """Default gravity in the world frame (z up), m/s^2."""
@@ -49,7 +58,8 @@ class ImuSamples:
     """Raw IMU samples: strictly increasing times (N,) in s, gyroscope (N, 3) in rad/s and
     accelerometer (N, 3) in m/s^2 (specific force), both in the body frame, N >= 2.
 
-    Any rate, also an uneven one. Between samples both signals are interpolated linearly.
+    Any rate, also an uneven one. Between samples both signals are interpolated linearly, over a gap
+    in the recording, too: look for gaps before.
 
     Raises:
         FactorError: for NaN, wrong shapes, times that do not increase, fewer than two samples.
@@ -90,20 +100,25 @@ class ImuSamples:
         Raises:
             FactorError: when [start, stop] reaches outside the samples.
         """
+        start, stop = number("start", start), number("stop", stop)
         if stop < start:
             raise FactorError(f"stop = {stop:.9f} s lies before start = {start:.9f} s")
-        if start < self.times[0] or stop > self.times[-1]:
+        if start < self.times[0] - SAME_TIME or stop > self.times[-1] + SAME_TIME:
             raise FactorError(
                 f"IMU samples cover {self.times[0]:.9f} to {self.times[-1]:.9f} s, "
                 f"but {start:.9f} to {stop:.9f} s is asked for"
             )
+        start, stop = np.clip([start, stop], self.times[0], self.times[-1]).tolist()
         b = _bias_vector(bias)
-        inside = self.times[(self.times > start) & (self.times < stop)]
+        first, last = np.searchsorted(self.times, [start, stop], side="right")
+        used = slice(first - 1, last + 1)
+        times = self.times[used]
+        inside = times[(times > start) & (times < stop)]
         breaks = np.unique(np.concatenate([[start, stop], inside, np.asarray(at, dtype=float)]))
         breaks = breaks[(breaks >= start) & (breaks <= stop)]
         lengths = np.diff(breaks)
-        force = _midpoints(breaks, self.times, self.accelerometer)
-        rate = _midpoints(breaks, self.times, self.gyroscope)
+        force = _midpoints(breaks, times, self.accelerometer[used])
+        rate = _midpoints(breaks, times, self.gyroscope[used])
         half_turn, _ = exp_and_right_jacobian(0.5 * lengths[:, None] * (rate - b[3:]))
         force = np.einsum("nij,nj->ni", half_turn, force - b[:3]) + b[:3]
         for segment in zip(force, rate, lengths.tolist(), strict=True):
@@ -111,7 +126,10 @@ class ImuSamples:
 
 
 def _bias_vector(bias: gtsam.imuBias.ConstantBias | None) -> FloatArray:
-    return np.zeros(6) if bias is None else np.array(bias.vector(), dtype=np.float64)
+    if bias is None:
+        return np.zeros(6)
+    instance("bias", bias, gtsam.imuBias.ConstantBias)
+    return finite_array("bias", bias.vector(), (6,))
 
 
 def _midpoints(breaks: FloatArray, times: FloatArray, signal: FloatArray) -> FloatArray:
@@ -174,7 +192,9 @@ class FrameMotion:
 
     def select(self, frames: Sequence[int] | slice) -> "FrameMotion":
         """The motion of some of the frames, for a line that is not seen in all of them."""
-        index = frames if isinstance(frames, slice) else np.asarray(frames, dtype=np.int64)
+        index = frames if isinstance(frames, slice) else np.asarray(frames)
+        if isinstance(index, np.ndarray) and index.dtype.kind not in "iu":
+            raise FactorError(f"frames must be indices, not {index.dtype}")
         try:
             return FrameMotion(
                 self.elapsed[index], self.preintegrated[index], self.bias_jacobian[index], self.bias
@@ -185,6 +205,26 @@ class FrameMotion:
     def corrected(self, bias: FloatArray) -> FloatArray:
         """(theta, dp, dv) at `bias` (6,) to first order, (n, 9)."""
         return np.asarray(self.preintegrated + self.bias_jacobian @ (bias - self.bias))
+
+    def poses(
+        self,
+        state: gtsam.NavState,
+        bias: gtsam.imuBias.ConstantBias,
+        gravity: ArrayLike = STANDARD_GRAVITY,
+    ) -> list[gtsam.Pose3]:
+        """world_T_body of every frame, from the knot's state; times body_T_cam, its camera."""
+        predicted = self.predict(
+            state.attitude().matrix(),
+            state.position(),
+            state.velocity(),
+            _bias_vector(bias),
+            finite_array("gravity", gravity, (3,)),
+            want_jacobian=False,
+        )
+        return [
+            gtsam.Pose3(gtsam.Rot3(rotation), position)
+            for rotation, position in zip(predicted.rotation, predicted.position, strict=True)
+        ]
 
     def predict(
         self,
@@ -242,23 +282,31 @@ def preintegrate_frames(
         bias: where to linearise, by default zero; use the current estimate.
 
     Raises:
-        FactorError: for frames before the knot, times not increasing, or samples that do not
-            cover the frames.
+        FactorError: for frames before the knot, times not increasing, samples that do not cover
+            the frames, or a turn of more than pi, beyond which rotation vectors (and GTSAM's
+            preintegration) lose their footing.
     """
     instance("imu", imu, ImuSamples)
+    knot_time = number("knot_time", knot_time)
     times = increasing_times("frame_times", frame_times)
-    if times[0] < knot_time:
+    if times[0] < knot_time - SAME_TIME:
         raise FactorError(
             f"frame_times[0] = {times[0]:.9f} s lies before the knot at {knot_time:.9f} s"
         )
+    times = np.maximum(times, knot_time)
     bias_vector = _bias_vector(bias)
     preintegrated = np.zeros((times.size, 9))
     bias_jacobian = np.zeros((times.size, 9, 6))
     state, jacobian = np.zeros(9), np.zeros((9, 6))
-    start = float(knot_time)
+    start = knot_time
     for i, stop in enumerate(times):
         for segment in imu.segments(start, float(stop), bias=bias):
             state, jacobian = _integrate(state, jacobian, segment, bias_vector)
+            if state[:3] @ state[:3] > np.pi**2:
+                raise FactorError(
+                    f"frame_times: the body turns by more than half a turn from {knot_time:.3f} s "
+                    f"to {stop:.3f} s; put a knot in between"
+                )
         preintegrated[i], bias_jacobian[i] = state, jacobian
         start = float(stop)
     return FrameMotion(times - knot_time, preintegrated, bias_jacobian, bias_vector)

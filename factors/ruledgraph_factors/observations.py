@@ -27,6 +27,7 @@ from ruledgraph_factors.validation import (
     FloatArray,
     IntArray,
     finite_array,
+    image_points,
     number,
     positive_number,
 )
@@ -102,14 +103,16 @@ class IndividualPoints:
     """Index of each point's frame, from 0 to n - 1 without a gap, (N,)."""
 
     def __post_init__(self) -> None:
-        points = finite_array("points", self.points, (None, 2))
-        frame = finite_array("frame", self.frame, (len(points),)).astype(np.int64)
-        if len(points) == 0 or frame[0] != 0 or not np.isin(np.diff(frame), (0, 1)).all():
+        points = image_points("points", self.points)
+        frame = finite_array("frame", self.frame, (len(points),))
+        if len(points) == 0 or frame[0] != 0.0 or not np.isin(np.diff(frame), (0, 1)).all():
             raise FactorError("frame must count the frames of the points from 0, in order")
         weights = finite_array("sqrt_weights", self.sqrt_weights, (len(points),))
+        if np.any(weights < 0.0):
+            raise FactorError("sqrt_weights must not be negative")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "sqrt_weights", weights)
-        object.__setattr__(self, "frame", frame)
+        object.__setattr__(self, "frame", frame.astype(np.int64))
 
     @classmethod
     def from_frames(
@@ -143,7 +146,7 @@ def _checked_frames(
     weights: Sequence[ArrayLike] | None,
     effective_points: float | None,
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    frames = [finite_array(f"points[{i}]", p, (None, 2)) for i, p in enumerate(points)]
+    frames = [image_points(f"points[{i}]", p) for i, p in enumerate(points)]
     if not frames:
         raise FactorError("points is empty: at least one frame with one point is needed")
     for i, frame in enumerate(frames):
@@ -178,8 +181,8 @@ def bin_points(
         times: of the points, in any order, (N,), s.
         points: (N, 2).
         bin_width: longest stretch of time that shares one pose, s; 0 gives every distinct time a
-            bin of its own. Within a bin a point moves against the bin's ruling by at most half of
-            bin width x image speed: keep that well below the noise of a point.
+            bin of its own. A point is off by its distance in time from the bin's mean, at most
+            the bin's width, times its image speed: keep that well below its noise.
 
     Returns:
         The times of the bins, each the mean of its points', strictly increasing, (n,), and the
@@ -187,7 +190,7 @@ def bin_points(
         `from_frames`.
     """
     stamps = finite_array("times", times, (None,))
-    xy = finite_array("points", points, (stamps.size, 2))
+    xy = image_points("points", finite_array("points", points, (stamps.size, 2)))
     if stamps.size == 0:
         raise FactorError("times is empty")
     if number("bin_width", bin_width) < 0.0:

@@ -18,9 +18,9 @@ The columns of a Jacobian are, in this order, the tangents of pose (6), velocity
 gravity (3) and line (4).
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
+import gtsam
 import numpy as np
 
 from ruledgraph_factors.line import LineChart
@@ -57,8 +57,8 @@ class CameraLine(NamedTuple):
     """(n, 3); as an image line, (a, b, c) of a x + b y + c = 0."""
     direction: FloatArray
     """Unit, (n, 3)."""
-    in_front: float
-    """+1, or -1 when the chart's line has passed through infinity."""
+    sign: float
+    """The sign of sin(phi), which `moment` carries as a common factor: +1 or -1."""
     d_moment: FloatArray | None
     """(n, 3, 22)."""
     d_direction: FloatArray | None
@@ -72,33 +72,34 @@ class Residual(NamedTuple):
     jacobian: FloatArray | None
 
 
-@dataclass(frozen=True, eq=False)
 class Geometry:
-    """The constants that bring a line into the cameras of an interval."""
+    """The constants that bring a line into the cameras of an interval, as arrays."""
 
-    chart: LineChart
-    motion: FrameMotion
-    body_R_cam: FloatArray
-    body_t_cam: FloatArray
+    def __init__(self, chart: LineChart, motion: FrameMotion, body_T_cam: gtsam.Pose3) -> None:
+        self.chart = chart
+        self.motion = motion
+        self.world_R_anchor = chart.world_T_anchor.rotation().matrix()
+        self.world_t_anchor = chart.world_T_anchor.translation()
+        self.body_R_cam = body_T_cam.rotation().matrix()
+        self.body_t_cam = body_T_cam.translation()
 
     def line_in_cameras(self, state: State, want_jacobian: bool) -> CameraLine:
         """The line in every frame's camera."""
         frames = self.motion.predict(*state[:5], want_jacobian=want_jacobian)
-        world_R_anchor = self.chart.world_T_anchor.rotation().matrix()
         u, phi, right_jacobian = self.chart.frame(state.line)
         cosine, sine = float(np.cos(phi)), float(np.sin(phi))
-        normal, along, _ = (world_R_anchor @ u).T
+        normal, along, _ = (self.world_R_anchor @ u).T
 
         body_R_world = frames.rotation.transpose(0, 2, 1)
         cam_R_world = self.body_R_cam.T @ body_R_world
         centre = frames.position + frames.rotation @ self.body_t_cam
-        lever = hat(self.chart.world_T_anchor.translation() - centre)
+        lever = hat(self.world_t_anchor - centre)
         world_moment = cosine * normal + sine * (lever @ along)
         moment = (cam_R_world @ world_moment[..., None])[..., 0]
         direction = cam_R_world @ along
-        in_front = 1.0 if sine >= 0.0 else -1.0
+        sign = 1.0 if sine >= 0.0 else -1.0
         if frames.jacobian is None:
-            return CameraLine(moment, direction, in_front, None, None)
+            return CameraLine(moment, direction, sign, None, None)
 
         # By each frame's own pose: right perturbation (rotation w, translation t) of the body.
         cam_R_body = self.body_R_cam.T
@@ -112,7 +113,7 @@ class Geometry:
         by_pose[:, 3:, 3:] = 0.0
 
         # By the line: u1 and u2 turn with w = Jr delta, phi grows with delta[3].
-        d_normal, d_along = -world_R_anchor @ u @ _AXIS_HATS @ right_jacobian
+        d_normal, d_along = -self.world_R_anchor @ u @ _AXIS_HATS @ right_jacobian
         d_world_moment = np.empty((len(self.motion), 3, 4))
         d_world_moment[..., :3] = cosine * d_normal + sine * lever @ d_along
         d_world_moment[..., 3] = -sine * normal + cosine * (lever @ along)
@@ -123,7 +124,7 @@ class Geometry:
         jacobian[:, 3:, :18] = cam_R_body @ jacobian[:, 3:, :18]
         jacobian[:, :3, 18:] = cam_R_world @ d_world_moment
         jacobian[:, 3:, 18:21] = cam_R_world @ d_along
-        return CameraLine(moment, direction, in_front, jacobian[:, :3], jacobian[:, 3:])
+        return CameraLine(moment, direction, sign, jacobian[:, :3], jacobian[:, 3:])
 
 
 def geometric_residual(line: CameraLine, statistics: FloatArray) -> Residual:
@@ -134,7 +135,7 @@ def geometric_residual(line: CameraLine, statistics: FloatArray) -> Residual:
 
     Args:
         line: in the n cameras.
-        statistics: C of each frame, (n, 3, 3), from `compress_points`.
+        statistics: C of each frame, (n, 3, 3), of `CompressedPoints`.
     """
     size = np.hypot(line.moment[:, 0], line.moment[:, 1])
     visible = size > NO_RULING
@@ -156,10 +157,10 @@ def reprojection_residual(
 ) -> Residual:
     """The paper's ruling reprojection error with alpha in closed form: (2N,), two rows a point.
 
-    Positive depth: a point whose foot on the ruling does not lie in front of the camera has the
-    constant residual (2, 2) and zero derivative, and so has every point of a line that the chart
-    has carried beyond infinity, phi < 0. A ruling seen end-on in the very point has zero
-    residual and derivative, the limit from any side.
+    Positive depth: a point whose foot on the ruling does not lie in front of its camera has the
+    constant residual (2, 2) and zero derivative. As with GTSAM's projection factors there is no
+    slope that leads back. A ruling seen end-on in the very point has zero residual and derivative
+    by definition: the residual is discontinuous there.
 
     Args:
         line: in the n cameras.
@@ -174,11 +175,11 @@ def reprojection_residual(
     p_matrix = points * direction[:, 2:] - direction[:, :2]
     phi = closest[:, :2] - points * closest[:, 2:]
     pp = np.sum(p_matrix * p_matrix, axis=1)
-    regular = pp > _END_ON
+    regular = ~(pp <= _END_ON)  # NaN goes on to the residual
     safe_pp = np.where(regular, pp, 1.0)
     alpha = np.sum(p_matrix * phi, axis=1) / safe_pp
     foot = closest + alpha[:, None] * direction
-    depth = foot[:, 2] * line.in_front
+    depth = foot[:, 2] * line.sign
     behind = regular & (depth <= _NEGLIGIBLE_DEPTH)
     valid = regular & ~behind
     inverse = np.where(valid, 1.0 / np.where(valid, foot[:, 2], 1.0), 0.0)

@@ -16,6 +16,10 @@ IntArray: TypeAlias = NDArray[np.int64]
 
 # Rotations built from float32 or from six printed digits pass; a scaled or mirrored one does not.
 ORTHONORMAL_TOLERANCE = 1e-5
+# 87 degrees off the optical axis; pixels are beyond it almost everywhere.
+LARGEST_IMAGE_COORDINATE = 20.0
+# Times that differ by less are the same: 1 us is four steps of a Unix time in float64.
+SAME_TIME = 1e-6
 
 
 def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
@@ -35,6 +39,17 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
         raise FactorError(f"{name} has a NaN or infinite value at [{where}]")
     array.setflags(write=False)
     return array
+
+
+def image_points(name: str, value: ArrayLike) -> FloatArray:
+    """`value` as normalised image points (N, 2)."""
+    points = finite_array(name, value, (None, 2))
+    if points.size and float(np.abs(points).max()) > LARGEST_IMAGE_COORDINATE:
+        raise FactorError(
+            f"{name} reaches {float(np.abs(points).max()):g}: image points must be normalised, "
+            "(X/Z, Y/Z), not pixels"
+        )
+    return points
 
 
 def number(name: str, value: float) -> float:
@@ -96,9 +111,10 @@ def graph_key(name: str, value: int) -> int:
         key = operator.index(value)
     except TypeError:
         key = -1
+    found = repr(value) if isinstance(value, int | float) else f"a {type(value).__name__}"
     if isinstance(value, bool) or not 0 <= key < 2**64:
         raise FactorError(
-            f"{name} must be an integer GTSAM key such as symbol_shorthand.X(0), not {value!r}"
+            f"{name} must be an integer GTSAM key such as symbol_shorthand.X(0), not {found}"
         )
     return key
 

@@ -217,56 +217,72 @@ def test_gravity_variables_mean_what_gtsams_imu_factors_mean() -> None:
     assert np.abs(ours[0].unwhitenedError(values)).max() > 1e-2
 
 
-@pytest.mark.parametrize("bin_width", [0.5e-3, 2e-3])
+@pytest.mark.parametrize("bin_width", [0.5e-3, 2e-3, 5e-3])
 def test_binned_points_stay_within_the_bound_of_the_unbinned_factor(bin_width: float) -> None:
-    """A rolling shutter's rows: half of bin width x image speed bounds each point's shift.
+    """A rolling shutter's rows, each with its own time, of an edge without noise.
 
-    The whole residual vector then differs by at most that bound times the square root of the number
-    of points, and so do the norms of the two factors' residuals.
+    Unbinned every residual is zero. Binned, a point is off by what the ruling moves in the time
+    between the point's and its bin's: at most |t - t_bin| x its image speed. The residual has to
+    keep that bound, and to be of its size: with the bins' times wrong by a bin it does not.
     """
     rng = np.random.default_rng(0)
     waypoints = np.linspace(0.0, 1.0, 8)
     truth = SplineMotion(waypoints, rng.normal(size=(8, 3)) * 0.1, rng.normal(size=(8, 3)) * 0.1)
-    imu = simulate_imu(truth, 400.0, None, rng).samples
+    imu = simulate_imu(truth, 2000.0, None, rng).samples
     body_T_cam = gtsam.Pose3(gtsam.Rot3.Ypr(-np.pi / 2, 0.0, -np.pi / 2), np.zeros(3))
     ends = np.array([[2.0, 0.3, -0.6], [2.3, 0.1, 0.7]])
-    times = np.sort(rng.uniform(0.4, 0.43, size=200))
+    times = np.sort(rng.uniform(0.4, 0.43, size=400))
+    shares = rng.uniform(size=400)
 
     def image_of(time: float, share: float) -> np.ndarray:
         in_cam = (truth.pose(time) * body_T_cam).transformTo(ends[0] + share * (ends[1] - ends[0]))
         return in_cam[:2] / in_cam[2]
 
-    shares = (times - 0.4) / 0.03
     points = np.array([image_of(t, s) for t, s in zip(times, shares, strict=True)])
-    points += rng.normal(size=points.shape) * 1e-3
-    speed = max(
-        np.linalg.norm(image_of(t + 1e-4, s) - image_of(t, s)) / 1e-4
-        for t, s in zip(times, shares, strict=True)
-    )
+    later = np.array([image_of(t + 1e-4, s) for t, s in zip(times, shares, strict=True)])
+    speeds = np.linalg.norm(later - points, axis=1) / 1e-4
     values = gtsam.Values()
     values.insert(X(0), truth.pose(0.4))
     values.insert(V(0), truth.velocity(0.4))
     values.insert(B(0), gtsam.imuBias.ConstantBias())
-    values.insert(L(0), np.array([0.02, 0.01, -0.02, 0.01]))
+    values.insert(L(0), np.zeros(4))
     chart = line_through(ends[0], ends[1], truth.pose(0.4) * body_T_cam)
 
-    def norm(width: float) -> tuple[float, int]:
+    def residual_norm(width: float, late: float = 0.0) -> float:
         bin_times, binned = bin_points(times, points, width)
         observed = CompressedPoints.from_frames(binned)
-        motion = preintegrate_frames(imu, 0.4, bin_times)
+        motion = preintegrate_frames(imu, 0.4, bin_times + late)
         noise = noiseModel.Unit.Create(observed.rows)
         factor = ruled_surface_factor(
             noise, X(0), V(0), B(0), L(0), motion, chart, observed, body_T_cam
         )
-        return float(np.linalg.norm(factor.unwhitenedError(values))), observed.frames
+        return float(np.linalg.norm(factor.unwhitenedError(values)))
 
-    exact, frames = norm(0.0)
-    assert frames == 200
-    binned, bins = norm(bin_width)
-    assert bins <= 0.03 / bin_width + 1
-    assert exact > 0.05  # the line is off on purpose: the bound is not met by zero
-    # A point is at most a whole bin away from its bin's mean time, half on average.
-    assert abs(binned - exact) <= 0.5 * bin_width * speed * np.sqrt(200)
+    bin_times, binned = bin_points(times, points, bin_width)
+    assert len(bin_times) <= 0.03 / bin_width + 1
+    own_bins = np.repeat(bin_times, [len(b) for b in binned])  # times are sorted, so are the bins
+    bound = float(np.linalg.norm((times - own_bins) * speeds))
+    assert residual_norm(0.0) < 0.01 * bound
+    assert residual_norm(bin_width) < 1.01 * bound
+    assert residual_norm(bin_width, late=bin_width) > 1.01 * bound
+
+
+def test_nan_values_give_a_nan_error_never_a_small_one() -> None:
+    for kind in POINTS:
+        case = random_case(0)
+        factor = case.factor("pose", kind)
+        case.values.update(L(0), np.full(4, np.nan))
+        assert np.isnan(factor.error(case.values))
+
+
+def test_vectors_of_the_wrong_size_are_named() -> None:
+    case = random_case(0)
+    factor = case.factor("knot")
+    values = gtsam.Values(case.values)
+    values.erase(L(0))
+    values.insert(L(0), np.zeros(5))
+    with pytest.raises(FactorError, match="l0 must hold a vector of 4, not of 5"):
+        factor.error(values)
 
 
 def test_robust_noise_models_weigh_the_factor() -> None:
@@ -334,6 +350,7 @@ def build(**changes):
         ),
         ({"noise_model": 0.5}, "noise_model must be a gtsam.noiseModel, not float"),
         ({"pose_key": 1.5}, "pose_key must be an integer GTSAM key"),
+        ({"pose_key": GOOD.motion}, "pose_key must be an .*, not a FrameMotion$"),
         ({"velocity_key": -1}, "velocity_key must be an integer GTSAM key"),
         ({"bias_key": True}, "bias_key must be an integer GTSAM key"),
         ({"line_key": X(0)}, "line_key is the same key as pose_key"),

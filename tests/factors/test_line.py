@@ -66,6 +66,9 @@ def test_line_from_plucker_is_that_line(seed: int) -> None:
     plucker, _ = chart.plucker(np.zeros(4))
     assert on_line(plucker, point) < 1e-12
     assert np.linalg.norm(np.cross(plucker[3:], direction)) < 1e-12
+    for scale in (1e-200, 1e200):
+        scaled = LineChart.from_plucker(chart.world_T_anchor, scale * moment, scale * direction)
+        np.testing.assert_allclose(scaled.plucker(np.zeros(4))[0], plucker, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -200,11 +203,14 @@ def test_line_through_the_anchors_centre() -> None:
 
 
 def test_distance_on_the_line_itself_has_zero_derivative() -> None:
-    chart = LineChart.from_points(gtsam.Pose3(), [0.0, 0.0, 1.0], [1.0, 0.0, 1.0])
-    distance, by_delta, by_point = chart.distance_to(np.zeros(4), [0.5, 0.0, 1.0])
-    assert distance == pytest.approx(0.0, abs=1e-15)
-    assert np.isfinite(by_delta).all()
-    assert np.isfinite(by_point).all()
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        chart, delta = random_chart(rng), random_delta(rng)
+        point, _ = chart.closest_point(delta, rng.normal(size=3))
+        distance, by_delta, by_point = chart.distance_to(delta, point)
+        assert distance == pytest.approx(0.0, abs=1e-12)
+        assert not by_delta.any()
+        assert not by_point.any()
 
 
 @pytest.mark.parametrize(
@@ -219,6 +225,7 @@ def test_distance_on_the_line_itself_has_zero_derivative() -> None:
         (lambda: LineChart.from_plucker(gtsam.Pose3(), np.zeros(3), np.zeros(3)), "both zero"),
         (lambda: LineChart.from_ruling(gtsam.Pose3(), [0, 0, 1], 0.5), "image_line: a and b"),
         (lambda: LineChart.from_ruling(gtsam.Pose3(), [1, 0, 1], -0.5), "inverse_distance must"),
+        (lambda: LineChart.from_ruling(gtsam.Pose3(), [1, 0, 0], 0.5, [1, 0]), "foot: this image"),
         (lambda: LineChart(gtsam.Pose3(), 2.0 * np.eye(3), 0.1), "basis: its rotation is not"),
         (lambda: LineChart(gtsam.Pose3(), np.diag([1, 1, -1]), 0.1), "basis: .* reflection"),
         (lambda: LineChart(gtsam.Pose3(), np.eye(3), np.inf), "angle has a NaN or infinite"),

@@ -74,6 +74,25 @@ def test_poses_agree_with_gtsam_predict(seed: int, rate: float, step: np.ndarray
         np.testing.assert_allclose(predicted.rotation[i], state.attitude().matrix(), atol=1e-9)
 
 
+def test_poses_are_gtsam_types_of_the_prediction() -> None:
+    motion = shaken_motion(0)
+    imu = simulate_imu(motion, 200.0, None, np.random.default_rng(0)).samples
+    frames = 0.4 + np.arange(1, 4) * 0.03
+    state = gtsam.NavState(*state_of(motion, 0.4))
+    poses = preintegrate_frames(imu, 0.4, frames, BIAS).poses(state, BIAS)
+    for pose, expected in zip(poses, gtsam_predictions(imu, 0.4, frames, state, BIAS), strict=True):
+        assert pose.equals(expected.pose(), 1e-9)
+
+
+def test_times_that_differ_by_rounding_are_the_same() -> None:
+    """0.1 * 3 is not 9 / 30 in float64; a Unix time has steps of a quarter microsecond."""
+    imu = ImuSamples(np.arange(41) / 100.0, np.zeros((41, 3)), np.zeros((41, 3)))
+    assert 9.0 / 30.0 < 0.1 * 3.0
+    motion = preintegrate_frames(imu, 0.1 * 3, np.arange(9, 12) / 30.0)
+    assert motion.elapsed[0] == 0.0
+    assert sum(s.dt for s in imu.segments(0.3, 0.4 + 1e-12)) == pytest.approx(0.1)
+
+
 def test_plain_samples_held_constant_agree_with_gtsam_without_our_segments() -> None:
     """Without rotation the segments are the samples themselves, integrated as anyone would."""
     times = np.arange(21) * 0.005
@@ -186,6 +205,43 @@ def test_exact_motion_is_reproduced() -> None:
     assert np.linalg.norm(naive.position() - motion.position(1.5)) > 10.0 * position_error
 
 
+@pytest.mark.parametrize(("turn", "accepted"), [(0.98 * np.pi, True), (1.02 * np.pi, False)])
+def test_more_than_half_a_turn_from_a_knot_is_refused(turn: float, accepted: bool) -> None:
+    times = np.linspace(0.0, 1.0, 401)
+    imu = ImuSamples(times, np.tile([0.0, 0.0, turn], (401, 1)), np.zeros((401, 3)))
+    if accepted:
+        theta = preintegrate_frames(imu, 0.0, [1.0]).preintegrated[0, :3]
+        np.testing.assert_allclose(theta, [0.0, 0.0, turn], atol=1e-12)
+    else:
+        with pytest.raises(FactorError, match=r"frame_times: the body turns by more than half"):
+            preintegrate_frames(imu, 0.0, [1.0])
+
+
+def test_cost_does_not_grow_with_the_recording() -> None:
+    """Only the samples around the interval are looked at: the result is that of a short cut-out."""
+    imu = simulate_imu(shaken_motion(0), 200.0, None, np.random.default_rng(0)).samples
+    cut = slice(98, 143)
+    part = ImuSamples(imu.times[cut], imu.gyroscope[cut], imu.accelerometer[cut])
+    frames = 0.5 + np.arange(1, 9) * 0.025
+    whole = preintegrate_frames(imu, 0.5, frames, BIAS)
+    np.testing.assert_array_equal(
+        preintegrate_frames(part, 0.5, frames, BIAS).preintegrated, whole.preintegrated
+    )
+
+
+def test_bias_dependence_of_the_segments_is_negligible() -> None:
+    """H holds the segments fixed, though their half-step turn knows the bias: 0.1 s, 200 Hz."""
+    imu = simulate_imu(shaken_motion(1), 200.0, None, np.random.default_rng(0)).samples
+    frames = [0.5 + 0.1]
+    motion = preintegrate_frames(imu, 0.5, frames, BIAS)
+    step = np.array([0.0, 0.0, 0.0, 0.01, -0.01, 0.01])
+    moved = gtsam.imuBias.ConstantBias(*np.split(BIAS.vector() + step, 2))
+    anew = preintegrate_frames(imu, 0.5, frames, moved).preintegrated[0]
+    difference = np.abs(motion.corrected(BIAS.vector() + step)[0] - anew)
+    assert difference[:3].max() < 1e-6  # rad
+    assert difference[3:6].max() < 1e-5  # m
+
+
 def test_segments_cover_the_interval_and_break_where_told() -> None:
     imu = ImuSamples([0.0, 0.1, 0.2, 0.35], np.zeros((4, 3)), np.arange(12.0).reshape(4, 3))
     segments = list(imu.segments(0.05, 0.3, at=[0.15, 0.9]))
@@ -226,6 +282,12 @@ def good_imu() -> ImuSamples:
         (lambda: preintegrate_frames(good_imu(), 0.05, [0.01]), r"frame_times\[0\] = .* before"),
         (lambda: preintegrate_frames(good_imu(), 0.05, [0.3]), "IMU samples cover 0.0.* to 0.2"),
         (lambda: preintegrate_frames(None, 0.05, [0.1]), "imu must be a ImuSamples"),
+        (lambda: preintegrate_frames(good_imu(), None, [0.1]), "knot_time"),
+        (lambda: preintegrate_frames(good_imu(), np.nan, [0.1]), "knot_time has a NaN"),
+        (lambda: preintegrate_frames(good_imu(), 0.05, [0.1], np.zeros(6)), "bias must be a Const"),
+        (lambda: list(good_imu().segments(np.nan, 0.1)), "start has a NaN"),
+        (lambda: FrameMotion.at_rest().select([0.9]), "frames must be indices, not float64"),
+        (lambda: FrameMotion.at_rest().select([True]), "frames must be indices, not bool"),
         (lambda: list(good_imu().segments(0.1, 0.0)), "stop = .* before start"),
         (
             lambda: FrameMotion([-0.1], np.zeros((1, 9)), np.zeros((1, 9, 6)), np.zeros(6)),

@@ -67,6 +67,20 @@ def test_zero_bin_width_keeps_every_distinct_time() -> None:
 ONE = [np.zeros((1, 2))]
 
 
+@pytest.mark.parametrize(
+    ("weights", "frame", "message"),
+    [
+        ([1.0, 1.0], [0.0, 0.9], "frame must count"),
+        ([1.0, 1.0], [0, 2], "frame must count"),
+        ([1.0, 1.0], [1, 1], "frame must count"),
+        ([1.0, -1.0], [0, 1], "sqrt_weights must not be negative"),
+    ],
+)
+def test_individual_points_check_their_fields(weights: list, frame: list, message: str) -> None:
+    with pytest.raises(FactorError, match=message):
+        IndividualPoints(np.zeros((2, 2)), weights, frame)
+
+
 @pytest.mark.parametrize("kind", [CompressedPoints, IndividualPoints])
 @pytest.mark.parametrize(
     ("arguments", "message"),
@@ -75,6 +89,7 @@ ONE = [np.zeros((1, 2))]
         (([*ONE, np.zeros((0, 2))],), r"points\[1\] is empty: leave out"),
         (([np.zeros((3, 3))],), r"points\[0\] must have shape \(N, 2\), not \(3, 3\)"),
         (([[[0.0, np.nan]]],), r"points\[0\] has a NaN or infinite value at \[0, 1\]"),
+        (([[[320.0, 240.0]]],), r"points\[0\] reaches 320: image points must be normalised"),
         ((ONE, []), "weights has 0 frames, but points has 1"),
         ((ONE, [[1.0, 1.0]]), r"weights\[0\] must have shape \(1,\)"),
         ((ONE, [[-1.0]]), r"weights\[0\] must be non-negative"),

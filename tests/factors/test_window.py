@@ -32,12 +32,15 @@ def solved() -> list[dict[str, float]]:
         marginals = gtsam.Marginals(problem.graph, values)
         last = problem.knots - 1
         keys = {"pose": X(last), "velocity": V(last), "pose in the middle": X(last // 2)}
+        keys |= {"first bias": B(0), "bias": B(last)}
         keys |= {f"line {i}": L(i) for i in range(len(SEGMENTS))}
         result = {}
         for name, key in keys.items():
             estimate, truth = read(values, key), read(problem.truth, key)
             if isinstance(estimate, gtsam.Pose3):
                 error = estimate.localCoordinates(truth)
+            elif isinstance(estimate, gtsam.imuBias.ConstantBias):
+                error = truth.vector() - estimate.vector()
             else:
                 error = truth - estimate
             result[name] = float(error @ np.linalg.solve(marginals.marginalCovariance(key), error))
@@ -65,6 +68,14 @@ def test_mean_nees_is_within_its_95_percent_bounds(solved, kind: str, degrees: i
     total = sum(result[kind] for result in solved)
     low, high = chi2.ppf([0.025, 0.975], degrees * SEEDS)
     assert low < total < high, f"mean NEES {total / SEEDS:.2f} of {degrees} degrees of freedom"
+
+
+@one_worker
+@pytest.mark.parametrize("kind", ["first bias", "bias"])
+def test_bias_is_overconfident_by_no_more_than_stated(solved, kind: str) -> None:
+    """Noise of the IMU between a knot and its frames is not in the factor: a fifth, not a half."""
+    mean = sum(result[kind] for result in solved) / SEEDS
+    assert 0.8 < mean / 6.0 < 1.35
 
 
 def gauge_directions(values: gtsam.Values) -> np.ndarray:
