@@ -17,13 +17,20 @@ from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.motion import STANDARD_GRAVITY, FrameMotion
 from ruledgraph_factors.observations import CompressedPoints, IndividualPoints
 from ruledgraph_factors.ruled_surface import Geometry, Residual, State
-from ruledgraph_factors.spec import RuledSurfaceSpec
+from ruledgraph_factors.spec import Form, RuledSurfaceSpec
 from ruledgraph_factors.validation import FloatArray, positive_number
 
 Points = CompressedPoints | IndividualPoints
 
 _POSE, _VELOCITY, _BIAS = slice(0, 6), slice(6, 9), slice(9, 15)
 _GRAVITY, _LINE = slice(15, 18), slice(18, 22)
+# The columns of the residual's Jacobian that belong to each key.
+_COLUMNS: dict[Form, tuple[slice, ...]] = {
+    "knot": (_POSE, _VELOCITY, _BIAS, _LINE),
+    "knot_gravity_direction": (_POSE, _VELOCITY, _BIAS, _GRAVITY, _LINE),
+    "knot_gravity_vector": (_POSE, _VELOCITY, _BIAS, _GRAVITY, _LINE),
+    "pose": (_POSE, _LINE),
+}
 
 
 def evaluate(geometry: Geometry, points: Points, state: State, want_jacobian: bool) -> Residual:
@@ -83,19 +90,15 @@ class _ErrorFunction:
         pose = values.atPose3(keys[0])
         velocity, bias, gravity = np.zeros(3), np.zeros(6), self._gravity
         by_gravity = np.eye(3)
-        columns = [_POSE, _LINE]
         if self._form != "pose":
             velocity = _vector(values, keys[1], 3)
             bias = values.atConstantBias(keys[2]).vector()
-            columns[1:1] = [_VELOCITY, _BIAS]
         if self._form == "knot_gravity_direction":
             direction = values.atUnit3(keys[3])
             gravity = self._magnitude * direction.unitVector()
             by_gravity = self._magnitude * direction.basis()
-            columns.insert(3, _GRAVITY)
         elif self._form == "knot_gravity_vector":
             gravity = _vector(values, keys[3], 3)
-            columns.insert(3, _GRAVITY)
         state = State(
             pose.rotation().matrix(),
             pose.translation(),
@@ -106,7 +109,7 @@ class _ErrorFunction:
         )
         residual = evaluate(self._geometry, self._points, state, want_jacobian=H is not None)
         if H is not None and residual.jacobian is not None:
-            for i, block in enumerate(columns):
+            for i, block in enumerate(_COLUMNS[self._form]):
                 part = residual.jacobian[:, block]
                 H[i] = np.asfortranarray(part @ by_gravity if block is _GRAVITY else part)
         return residual.value
@@ -139,7 +142,8 @@ def ruled_surface_factor(
 
     Args:
         noise_model: of dimension `points.rows`, any kind, robust ones too. Units: normalised image
-            coordinates, that is pixels over focal length.
+            coordinates of one point, that is pixels over focal length. At the truth the whitened
+            squared norm is the number of points; a robust constant belongs above its root.
         pose_key: Pose3, world_T_body of the knot.
         velocity_key: Vector3, of the body in the world, m/s.
         bias_key: imuBias.ConstantBias.
