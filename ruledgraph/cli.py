@@ -7,10 +7,23 @@ Whatever is slow to import is imported where it is used, so that `--help` comes 
 
 import platform
 from importlib.metadata import version
+from typing import Any
 
 import click
 
 from ruledgraph import __version__
+from ruledgraph.errors import RuledgraphError
+
+
+class _Group(click.Group):
+    """Turns the package's errors into one line and exit code 2."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except RuledgraphError as error:
+            click.echo(f"ruledgraph: {error}", err=True)
+            ctx.exit(2)
 
 
 def _print_version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
@@ -22,7 +35,7 @@ def _print_version(context: click.Context, _option: click.Parameter, wanted: boo
         context.exit()
 
 
-@click.command(no_args_is_help=True)
+@click.group(cls=_Group, no_args_is_help=True)
 @click.option(
     "--version",
     is_flag=True,
@@ -32,7 +45,4 @@ def _print_version(context: click.Context, _option: click.Parameter, wanted: boo
     help="Show the versions of ruledgraph, gtsam, numpy and Python.",
 )
 def main() -> None:
-    """Line-based visual-inertial odometry as a GTSAM backend.
-
-    There is no subcommand yet. What exists so far is the factors package: see factors/EMBEDDING.md.
-    """
+    """Line-based visual-inertial odometry as a GTSAM backend."""

@@ -9,7 +9,8 @@ import numpy as np
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, L, V, X
 
-from ruledgraph.simulation import D435I_LIKE, ImuNoise, SimulatedImu, SplineMotion, simulate_imu
+from ruledgraph.sensors import D435I_LIKE, ImuNoise
+from ruledgraph.simulation import SimulatedImu, SplineMotion, simulate_imu
 from ruledgraph.simulation.edges import observe_segment
 from ruledgraph_factors import (
     CompressedPoints,

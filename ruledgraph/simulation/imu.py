@@ -7,40 +7,9 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
+from ruledgraph.sensors import ImuNoise
 from ruledgraph.simulation.motion import FloatArray, SplineMotion
 from ruledgraph_factors import STANDARD_GRAVITY, ImuSamples
-
-
-@dataclass(frozen=True)
-class ImuNoise:
-    """White noise densities and bias random walks of an IMU."""
-
-    gyroscope: float
-    """rad/s/sqrt(Hz)."""
-    accelerometer: float
-    """m/s^2/sqrt(Hz)."""
-    gyroscope_walk: float
-    """rad/s^2/sqrt(Hz)."""
-    accelerometer_walk: float
-    """m/s^3/sqrt(Hz)."""
-
-    def preintegration_params(self) -> gtsam.PreintegrationCombinedParams:
-        """The same figures for GTSAM's `CombinedImuFactor`, world z up."""
-        params = gtsam.PreintegrationCombinedParams.MakeSharedU(-STANDARD_GRAVITY[2])
-        params.setGyroscopeCovariance(np.eye(3) * self.gyroscope**2)
-        params.setAccelerometerCovariance(np.eye(3) * self.accelerometer**2)
-        params.setBiasOmegaCovariance(np.eye(3) * self.gyroscope_walk**2)
-        params.setBiasAccCovariance(np.eye(3) * self.accelerometer_walk**2)
-        params.setIntegrationCovariance(np.eye(3) * 1e-10)
-        return params
-
-
-D435I_LIKE = ImuNoise(2.44e-4, 1.47e-3, 2.0e-5, 3.0e-4)
-"""Noise densities of the Bosch BMI055 data sheet, the D435i's IMU (0.014 deg/s/sqrt(Hz) and
-150 ug/sqrt(Hz)); bias walks of the usual size for a consumer MEMS."""
-
-ADIS16448_LIKE = ImuNoise(1.6968e-4, 2.0e-3, 1.9393e-5, 3.0e-3)
-"""The figures of the EuRoC MAV dataset's `sensor.yaml`."""
 
 
 @dataclass(frozen=True, eq=False)

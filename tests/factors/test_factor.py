@@ -13,7 +13,8 @@ from gtsam.symbol_shorthand import B, G, L, V, X
 from scipy.optimize import minimize_scalar
 
 from random_factors import FORMS, POINTS, random_case
-from ruledgraph.simulation import D435I_LIKE, SplineMotion, simulate_imu
+from ruledgraph.sensors import D435I_LIKE
+from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph_factors import (
     STANDARD_GRAVITY,
     CompressedPoints,

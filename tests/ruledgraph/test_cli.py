@@ -16,11 +16,10 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_help_says_what_exists() -> None:
+def test_help_says_what_it_is() -> None:
     result = run("--help")
     assert (result.returncode, result.stderr) == (0, "")
-    assert "There is no subcommand yet." in result.stdout
-    assert "factors/EMBEDDING.md" in result.stdout
+    assert "Line-based visual-inertial odometry" in result.stdout
 
 
 def test_version_names_what_results_depend_on() -> None:

@@ -1,0 +1,30 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the sensors deliver. Recordings and simulator produce it, the odometry consumes it.
+
+Stamps are nanoseconds as in the recording (int64 range); the camera's and the IMU's clock may
+differ by the calibration's time offset.
+"""
+
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Frame(NamedTuple):
+    """An image: grey, (height, width) uint8."""
+
+    stamp: int
+    image: NDArray[np.uint8]
+
+
+class ImuSample(NamedTuple):
+    """Angular velocity (3,), rad/s, and specific force (3,), m/s^2, in the body frame."""
+
+    stamp: int
+    gyroscope: NDArray[np.float64]
+    accelerometer: NDArray[np.float64]
+
+
+Measurement: TypeAlias = Frame | ImuSample
