@@ -27,4 +27,14 @@ class ImuSample(NamedTuple):
     accelerometer: NDArray[np.float64]
 
 
-Measurement: TypeAlias = Frame | ImuSample
+class Gap(NamedTuple):
+    """The IMU was silent from `start` to `stop`, its samples before and after, for too long to
+    integrate across: one segment of the motion ended, a new one begins.
+    """
+
+    start: int
+    stop: int
+
+
+Measurement: TypeAlias = Frame | ImuSample | Gap
+"""In time order; a gap comes at its `stop`, just before the sample that ends it."""
