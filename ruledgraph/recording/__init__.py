@@ -8,8 +8,27 @@ for measurement in recording.stream():
 print(recording.report.warnings)
 """
 
+from ruledgraph.recording.container import Kind, Topic
 from ruledgraph.recording.errors import RecordingError
-from ruledgraph.recording.report import Report
-from ruledgraph.recording.writer import GroundTruthPose, Kind, write_recording
+from ruledgraph.recording.images import check_frame_size
+from ruledgraph.recording.inertial import MAX_IMU_GAP
+from ruledgraph.recording.order import REORDER_BOUND
+from ruledgraph.recording.recording import Recording, open_recording
+from ruledgraph.recording.report import Report, StampRange
+from ruledgraph.recording.sinks import GroundTruthPose
+from ruledgraph.recording.writer import write_recording
 
-__all__ = ["GroundTruthPose", "Kind", "RecordingError", "Report", "write_recording"]
+__all__ = [
+    "MAX_IMU_GAP",
+    "REORDER_BOUND",
+    "GroundTruthPose",
+    "Kind",
+    "Recording",
+    "RecordingError",
+    "Report",
+    "StampRange",
+    "Topic",
+    "check_frame_size",
+    "open_recording",
+    "write_recording",
+]

@@ -2,25 +2,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Writes measurements as a recording others can read."""
 
+import heapq
+import sqlite3
+import tempfile
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Literal, NamedTuple, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
+from rosbags.rosbag1.writer import WriterError as Rosbag1Error
+from rosbags.rosbag2 import WriterError as Rosbag2Error
 
-from ruledgraph.measurements import Measurement
+from ruledgraph.measurements import Gap, Measurement
+from ruledgraph.recording.container import Kind
+from ruledgraph.recording.errors import RecordingError
+from ruledgraph.recording.sinks import AslSink, BagSink, GroundTruthPose
 from ruledgraph.sensors import Calibration
-
-Kind: TypeAlias = Literal["rosbag1", "rosbag2", "mcap", "asl"]
-
-
-class GroundTruthPose(NamedTuple):
-    """world_T_body at a stamp, ns: position (3,), m, and quaternion (4,) in x, y, z, w order."""
-
-    stamp: int
-    position: NDArray[np.float64]
-    quaternion: NDArray[np.float64]
 
 
 def write_recording(
@@ -48,4 +43,26 @@ def write_recording(
     Raises:
         RecordingError: when `out` exists, or cannot be written.
     """
-    raise NotImplementedError
+    if out.exists() or out.is_symlink():
+        raise RecordingError(f"{out} exists already; remove it or choose another name")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        # Written beside and moved at the end: what bears the name is always whole.
+        with tempfile.TemporaryDirectory(prefix=".ruledgraph-", dir=out.parent) as folder:
+            part = Path(folder, out.name)
+            sink: AslSink | BagSink
+            if kind == "asl":
+                sink = AslSink(part, calibration)
+            else:
+                sink = BagSink(part, kind, calibration, image_topic, imu_topic)
+            with sink:
+                for item in heapq.merge(measurements, ground_truth or (), key=_stamp):
+                    if not isinstance(item, Gap):
+                        sink.write(item)
+            sink.path.rename(out)
+    except (OSError, sqlite3.Error, Rosbag1Error, Rosbag2Error) as error:
+        raise RecordingError(f"{out} cannot be written: {error}") from None
+
+
+def _stamp(item: Measurement | GroundTruthPose) -> int:
+    return item.stop if isinstance(item, Gap) else item.stamp

@@ -1,0 +1,59 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which kind of recording it is, told from what it holds."""
+
+from pathlib import Path
+
+from ruledgraph.recording.asl import AslFolder, asl_root
+from ruledgraph.recording.container import Container
+from ruledgraph.recording.errors import RecordingError
+from ruledgraph.recording.mcap import MAGIC as MCAP_MAGIC
+from ruledgraph.recording.mcap import McapFile
+from ruledgraph.recording.rosbag1 import MAGIC as ROSBAG1_MAGIC
+from ruledgraph.recording.rosbag1 import Rosbag1
+from ruledgraph.recording.rosbag2 import METADATA, ZSTD_MAGIC, Rosbag2, open_storage, storage_files
+from ruledgraph.recording.sqlite import MAGIC as SQLITE_MAGIC
+
+
+def open_container(path: Path) -> Container:
+    """Open a recording of any kind.
+
+    Raises:
+        RecordingError: when it is none, or damaged beyond use.
+    """
+    try:
+        return _open(path)
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be read: {error.strerror or error}") from None
+
+
+def _open(path: Path) -> Container:
+    if not path.exists():
+        raise RecordingError(f"{path} does not exist")
+    if path.is_dir():
+        root = asl_root(path)
+        if root is not None:
+            return AslFolder(root)
+        if (path / METADATA).exists() or storage_files(path):
+            return Rosbag2(path)
+        raise RecordingError(
+            f"{path} is no recording: it holds neither a ROS 2 bag (metadata.yaml, *.db3, *.mcap) "
+            "nor mav0/cam0/data.csv"
+        )
+    with path.open("rb") as file:
+        magic = file.read(16)
+    if not magic:
+        raise RecordingError(f"{path} is empty")
+    if magic.startswith(ROSBAG1_MAGIC):
+        return Rosbag1(path)
+    if magic.startswith(b"#ROSBAG V"):
+        version = magic[9:12].decode(errors="replace")
+        raise RecordingError(f"{path} is a ROS 1 bag of format {version}; convert it to 2.0")
+    if magic.startswith(MCAP_MAGIC):
+        return McapFile(path)
+    if magic.startswith((SQLITE_MAGIC, ZSTD_MAGIC)):
+        return open_storage(path, path)
+    raise RecordingError(
+        f"{path} is no recording: it begins like neither a ROS 1 bag, an MCAP file nor a ROS 2 "
+        "database"
+    )

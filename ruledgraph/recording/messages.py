@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Recorded messages made into stamps, samples and message objects.
+
+Types are rosbags' own definitions of the standard ROS messages, never the definitions embedded in
+a recording.
+"""
+
+import struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from ruledgraph.recording.container import RawMessage, Topic
+from ruledgraph.recording.errors import RecordingError
+
+_TRANSFORMS = "geometry_msgs/TransformStamped[] transforms"
+
+
+class UnreadableMessageError(Exception):
+    """One message that cannot be used; the others may be good."""
+
+
+def _with_tf(store: Typestore) -> Typestore:
+    for name in ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"):
+        store.register(get_types_from_msg(_TRANSFORMS, name))
+    return store
+
+
+ROS1 = _with_tf(get_typestore(Stores.ROS1_NOETIC))
+ROS2 = _with_tf(get_typestore(Stores.ROS2_HUMBLE))
+
+
+def stamp_of(topic: Topic, message: RawMessage) -> int:
+    """The stamp in a message's header, ns, without decoding the rest.
+
+    Of a type without header, the time of reception.
+
+    Raises:
+        UnreadableMessageError: for a message that is too short, or has no stamp: zero or less.
+    """
+    data = message.data
+    if isinstance(data, bytes) and has_header(topic):
+        try:
+            if topic.encoding == "ros1":
+                _, seconds, nanoseconds = struct.unpack_from("<III", data)
+            else:
+                order = "<" if data[1] & 1 else ">"
+                seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, 4)
+        except (struct.error, IndexError):
+            raise UnreadableMessageError("cut") from None
+        if nanoseconds >= 10**9:
+            raise UnreadableMessageError("its stamp makes no sense")
+        stamp = int(seconds * 10**9 + nanoseconds)
+    else:
+        stamp = message.received
+    if not 0 < stamp < 2**63:
+        raise UnreadableMessageError("it has no stamp")
+    return stamp
+
+
+def has_header(topic: Topic) -> bool:
+    """Whether messages of this type begin with a `std_msgs/Header`."""
+    definition = ROS2.fielddefs.get(topic.type)
+    return bool(definition and definition[1] and "std_msgs/msg/Header" in definition[1][0][1])
+
+
+def deserialise(topic: Topic, data: bytes) -> Any:
+    """A message as rosbags' object of its type.
+
+    Raises:
+        UnreadableMessageError: when the bytes are not a message of this type.
+        RecordingError: for a type that is not a standard one.
+    """
+    store = ROS1 if topic.encoding == "ros1" else ROS2
+    if topic.type not in store.fielddefs or topic.encoding not in ("ros1", "cdr"):
+        raise RecordingError(
+            f"topic {topic.name}: messages of type {topic.type!r} ({topic.encoding}) are not known"
+        )
+    try:
+        if topic.encoding == "ros1":
+            return store.deserialize_ros1(data, topic.type)
+        return store.deserialize_cdr(data, topic.type)
+    except (SerdeError, ValueError, IndexError, struct.error, AssertionError) as error:
+        raise UnreadableMessageError(f"it cannot be decoded ({type(error).__name__})") from None
+
+
+def inertial_vectors(topic: Topic, data: bytes) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Angular velocity and linear acceleration, (3,) each, of an IMU message.
+
+    Raises:
+        UnreadableMessageError: when the bytes are not such a message.
+    """
+    if topic.encoding == "asl":
+        try:
+            row = np.array(data.decode().split(","), dtype=np.float64)
+        except (ValueError, UnicodeDecodeError):
+            raise UnreadableMessageError("a row is not made of numbers") from None
+        if row.shape != (6,):
+            raise UnreadableMessageError(f"a row has {row.size} numbers after the stamp, not 6")
+        return row[:3], row[3:]
+    message = deserialise(topic, data)
+    w, a = message.angular_velocity, message.linear_acceleration
+    return np.array([w.x, w.y, w.z]), np.array([a.x, a.y, a.z])

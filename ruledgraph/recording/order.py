@@ -1,0 +1,79 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stamp order out of messages in the order of their reception."""
+
+import heapq
+import itertools
+from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple
+
+from ruledgraph.recording.container import RawMessage, Topic
+
+REORDER_BOUND = 500_000_000
+"""ns; a message that comes later than this after one with a later stamp is dropped."""
+
+_AHEAD = "its stamp jumps ahead"
+
+
+class Stamped(NamedTuple):
+    """A message with the stamp of its header, ns."""
+
+    stamp: int
+    topic: Topic
+    message: RawMessage
+
+
+def in_stamp_order(
+    messages: Iterable[Stamped],
+    drop: Callable[[Stamped, str], None],
+    reordered: Callable[[], None],
+) -> Iterator[Stamped]:
+    """Sort messages by stamp, in a buffer `REORDER_BOUND` long.
+
+    A single stamp that jumps ahead, one flipped bit is enough, must not make everything after it
+    late. So the newest message of each topic is held back until its successor confirms it.
+
+    Args:
+        messages: in the order of reception.
+        drop: told of every message left out, and why.
+        reordered: told of every message that came after one of its topic with a later stamp.
+    """
+    held: dict[str, Stamped] = {}
+    newest: dict[str, int] = {}  # stamp confirmed on each topic
+    heap: list[tuple[int, int, Stamped]] = []
+    tie = itertools.count()
+    released = 0
+
+    def confirm(message: Stamped) -> None:
+        name = message.topic.name
+        if message.stamp < released:
+            drop(message, f"its stamp is more than {REORDER_BOUND * 1e-9:g} s behind others")
+            return
+        if message.stamp < newest.get(name, 0):
+            reordered()
+        newest[name] = max(message.stamp, newest.get(name, 0))
+        heapq.heappush(heap, (message.stamp, next(tie), message))
+
+    for message in messages:
+        name = message.topic.name
+        previous = held.get(name)
+        if previous is not None and previous.stamp > message.stamp + REORDER_BOUND:
+            # One of the two is wrong; the stamps before them tell which.
+            if newest.get(name, 0) > message.stamp + REORDER_BOUND:
+                confirm(message)
+                continue
+            drop(previous, _AHEAD)
+        elif previous is not None:
+            confirm(previous)
+        held[name] = message
+        limit = max(newest.values(), default=0) - REORDER_BOUND
+        while heap and heap[0][0] <= limit:
+            released, _, ready = heapq.heappop(heap)
+            yield ready
+    for name, message in held.items():
+        if name in newest and message.stamp > newest[name] + REORDER_BOUND:
+            drop(message, _AHEAD)
+        else:
+            confirm(message)
+    while heap:
+        yield heapq.heappop(heap)[2]

@@ -1,0 +1,189 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""One pass over a recording: from messages as they were received to measurements in order."""
+
+import sqlite3
+from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ruledgraph.measurements import Frame, ImuSample, Measurement
+from ruledgraph.recording.container import Container, RawMessage, Topic
+from ruledgraph.recording.errors import RecordingError
+from ruledgraph.recording.images import Grey
+from ruledgraph.recording.inertial import (
+    Accelerometer,
+    Gyroscope,
+    Part,
+    interpolate_accelerometer,
+    mark_gaps,
+)
+from ruledgraph.recording.messages import UnreadableMessageError, inertial_vectors, stamp_of
+from ruledgraph.recording.order import Stamped, in_stamp_order
+from ruledgraph.recording.report import Report
+from ruledgraph.recording.topics import ImuTopics
+
+# A stream that begins with so many unusable frames, or goes on with so many of another size than
+# before, is not worth following further.
+_MOST_BAD_FRAMES = 10
+
+Decoder = Callable[[Topic, RawMessage], Grey]
+
+
+class Source(NamedTuple):
+    """What to read."""
+
+    container: Container
+    image_topic: Topic | None
+    imu_topics: ImuTopics | None
+    start: float
+    """s after the first message."""
+    duration: float | None
+    """s."""
+
+
+def read_stream(source: Source, decode: Decoder, report: Report) -> Iterator[Measurement]:
+    """The stages of `Recording.stream`, the report filled on the way."""
+    reader = _Pass(source, decode, report)
+    try:
+        ordered = in_stamp_order(reader.stamped(), reader.drop, reader.count_reordered)
+        parts = reader.decoded(reader.cropped(ordered))
+        yield from mark_gaps(interpolate_accelerometer(parts, report), report)
+    except (OSError, sqlite3.Error) as error:
+        raise RecordingError(f"the recording can no longer be read: {error}") from None
+    reader.check_outcome()
+
+
+class _Pass:
+    def __init__(self, source: Source, decode: Decoder, report: Report) -> None:
+        self._source = source
+        self._decode = decode
+        self._report = report
+        self._size: tuple[int, ...] | None = None
+        self._bad_frames = 0
+        self._ranges: dict[bool, tuple[int, int]] = {}  # of all stamps; True for the camera
+        self._topics = {
+            topic.name: topic for topic in (source.image_topic, *(source.imu_topics or ())) if topic
+        }
+
+    def stamped(self) -> Iterator[Stamped]:
+        """Messages with their stamps, in the order of reception."""
+        for message in self._source.container.messages(self._topics):
+            topic = self._topics[message.topic]
+            try:
+                stamp = stamp_of(topic, message)
+            except UnreadableMessageError as error:
+                self.drop(Stamped(0, topic, message), str(error))
+                continue
+            camera = topic is self._source.image_topic
+            first, last = self._ranges.get(camera, (stamp, stamp))
+            self._ranges[camera] = min(first, stamp), max(last, stamp)
+            yield Stamped(stamp, topic, message)
+
+    def cropped(self, messages: Iterable[Stamped]) -> Iterator[Stamped]:
+        """The messages between start and start + duration."""
+        begin, end = 0, 2**63
+        for message in messages:
+            if not begin:
+                begin = message.stamp + round(self._source.start * 1e9)
+                if self._source.duration is not None:
+                    end = begin + round(self._source.duration * 1e9)
+            if message.stamp >= end:
+                return
+            if message.stamp >= begin:
+                yield message
+
+    def decoded(self, messages: Iterable[Stamped]) -> Iterator[Part]:
+        """Images and vectors out of the messages; what cannot be used is counted."""
+        for stamped in messages:
+            part = self._decoded(stamped)
+            if part is not None:
+                yield part
+
+    def _decoded(self, stamped: Stamped) -> Part | None:
+        try:
+            if stamped.topic is not self._source.image_topic:
+                return self._inertial(stamped)
+            image = self._decode(stamped.topic, stamped.message)
+            self._check_size(image)
+            return Frame(stamped.stamp, image)
+        except UnreadableMessageError as error:
+            self.drop(stamped, str(error))
+            return None
+
+    def drop(self, stamped: Stamped, why: str) -> None:
+        """Count a message that is left out."""
+        if stamped.topic is not self._source.image_topic:
+            self._report.skipped_imu[why] += 1
+            return
+        self._report.skipped_frames[why] += 1
+        self._bad_frames += 1
+        if self._size is None and self._bad_frames >= _MOST_BAD_FRAMES:
+            raise RecordingError(
+                f"the first {_MOST_BAD_FRAMES} frames of {stamped.topic.name} are unusable: {why}"
+            )
+
+    def count_reordered(self) -> None:
+        """Count a message that is sorted in."""
+        self._report.reordered += 1
+
+    def check_outcome(self) -> None:
+        """Complain of a pass that delivered nothing of a sensor it was asked for.
+
+        Raises:
+            RecordingError: saying why.
+        """
+        camera, imu = self._ranges.get(True), self._ranges.get(False)
+        if camera and imu and (camera[1] < imu[0] or imu[1] < camera[0]):
+            raise RecordingError(
+                f"the stamps do not overlap: camera {_seconds(camera)}, IMU {_seconds(imu)}"
+            )
+        for wanted, delivered, skipped, what in (
+            (self._source.image_topic, self._report.frames, self._report.skipped_frames, "frame"),
+            (self._source.imu_topics, self._report.imu, self._report.skipped_imu, "IMU sample"),
+        ):
+            if wanted is None or delivered.count:
+                continue
+            stamps = [stamp for pair in self._ranges.values() for stamp in pair]
+            if skipped:
+                why, n = skipped.most_common(1)[0]
+                raise RecordingError(f"no {what} could be used; {n} were skipped: {why}")
+            if stamps:
+                length = (max(stamps) - min(stamps)) * 1e-9
+                raise RecordingError(
+                    f"no {what} in the chosen stretch of time; the recording lasts {length:.2f} s"
+                )
+            raise RecordingError(f"no {what} could be read")
+
+    def _check_size(self, image: Grey) -> None:
+        if self._size is None:
+            self._size = image.shape
+        if image.shape == self._size:
+            self._bad_frames = 0
+            return
+        height, width = self._size
+        why = f"it is {image.shape[1]}x{image.shape[0]}, not {width}x{height} like those before"
+        if self._bad_frames + 1 >= _MOST_BAD_FRAMES:
+            raise RecordingError(f"the frames change their size: one after the other, {why}")
+        raise UnreadableMessageError(why)
+
+    def _inertial(self, stamped: Stamped) -> Part:
+        _, topic, message = stamped
+        if not isinstance(message.data, bytes) or self._source.imu_topics is None:
+            raise UnreadableMessageError("it is no IMU message")
+        gyroscope, accelerometer = inertial_vectors(topic, message.data)
+        part: Part
+        if not self._source.imu_topics.split:
+            part = ImuSample(stamped.stamp, gyroscope, accelerometer)
+        elif topic is self._source.imu_topics.gyroscope:
+            part = Gyroscope(stamped.stamp, gyroscope)
+        else:
+            part = Accelerometer(stamped.stamp, accelerometer)
+        if not np.isfinite(part[1:]).all():
+            raise UnreadableMessageError("it is not finite (NaN)")
+        return part
+
+
+def _seconds(stamps: tuple[int, int]) -> str:
+    return f"{stamps[0] * 1e-9:.3f} to {stamps[1] * 1e-9:.3f} s"
