@@ -1,0 +1,116 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Camera models from their description in Kalibr's, EuRoC's and ROS's words."""
+
+from typing import Any
+
+from ruledgraph.calibration.section import Section
+from ruledgraph.errors import RuledgraphError
+from ruledgraph.sensors import CameraModel, DistortionModel
+
+_DISTORTION: dict[str, DistortionModel] = {
+    "radtan": "radtan",  # Kalibr
+    "radial-tangential": "radtan",  # EuRoC
+    "plumb_bob": "radtan",  # ROS
+    "rational_polynomial": "radtan",  # ROS; with its denominator zero the same model
+    "equidistant": "equidistant",
+    "fisheye": "equidistant",
+    "none": "none",
+    "": "none",
+}
+_LARGEST_IMAGE = 20_000  # px
+_FOCAL_LENGTH = (0.1, 20.0)  # of the image's longer side
+
+
+def model_of_camera(section: Section) -> CameraModel:
+    """Model of a Kalibr or EuRoC camera."""
+    projection = section.text("camera_model", "pinhole")
+    if projection != "pinhole":
+        raise section.error(
+            "camera_model",
+            f"{projection[:40]!r} is not supported, only pinhole; calibrate with Kalibr's "
+            "pinhole-radtan or pinhole-equi",
+        )
+    fx, fy, cx, cy = section.some_numbers("intrinsics", 4)
+    width, height = section.some_numbers("resolution", 2)
+    coefficients = section.key("distortion_coeffs", "distortion_coefficients")
+    return _checked(
+        section, ("resolution", "intrinsics", coefficients), (width, height), (fx, fy, cx, cy)
+    )
+
+
+def model_of_info(section: Section) -> CameraModel:
+    """Model of a ROS CameraInfo, as camera_info_manager stores it or as echoed to a file."""
+    intrinsics = section.key("camera_matrix", "K", "k")
+    fx, _, cx, _, fy, cy, _, _, _ = section.some_numbers(intrinsics, 9)
+    width = section.some_numbers(section.key("image_width", "width"), 1)[0]
+    resolution = section.key("image_height", "height")
+    height = section.some_numbers(resolution, 1)[0]
+    coefficients = section.key("distortion_coefficients", "D", "d")
+    return _checked(
+        section, (resolution, intrinsics, coefficients), (width, height), (fx, fy, cx, cy)
+    )
+
+
+def camera_from_info(message: Any) -> CameraModel:
+    """Camera model of a `sensor_msgs/CameraInfo` message of ROS 1 (D, K) or ROS 2 (d, k).
+
+    Raises:
+        CalibrationError: for an uncalibrated camera or an unsupported distortion model.
+    """
+    matrix = message.K if hasattr(message, "K") else message.k
+    coefficients = message.D if hasattr(message, "D") else message.d
+    values: dict[str, Any] = {
+        "width": str(message.width),
+        "height": str(message.height),
+        "distortion_model": str(message.distortion_model),
+        "K": [str(float(x)) for x in matrix],
+        "D": [str(float(x)) for x in coefficients],
+    }
+    return model_of_info(Section("CameraInfo message", "", values))
+
+
+def _checked(
+    section: Section,
+    keys: tuple[str, str, str],
+    size: tuple[float, float],
+    intrinsics: tuple[float, float, float, float],
+) -> CameraModel:
+    """The model, when it is plausible; `keys` name size, intrinsics and coefficients in errors."""
+    (size_key, intrinsics_key, coefficients_key), (width, height) = keys, size
+    fx, fy, cx, cy = intrinsics
+    if not all(length.is_integer() and 1.0 <= length <= _LARGEST_IMAGE for length in size):
+        raise section.error(size_key, f"= {width:g} x {height:g} is no image size in pixels")
+    longer = max(width, height)
+    if not all(_FOCAL_LENGTH[0] <= f / longer <= _FOCAL_LENGTH[1] for f in (fx, fy)):
+        raise section.error(
+            intrinsics_key,
+            f"has focal lengths {fx:g}, {fy:g}, implausible for {width:g} x {height:g} pixels",
+        )
+    if not (-width <= cx <= 2.0 * width and -height <= cy <= 2.0 * height):
+        raise section.error(
+            intrinsics_key, f"has its principal point {cx:g}, {cy:g} far outside the image"
+        )
+    word = section.text("distortion_model")
+    if word not in _DISTORTION:
+        raise section.error(
+            "distortion_model",
+            f"{word[:40]!r} is not supported; calibrate with radtan (plumb_bob) or equidistant",
+        )
+    distortion = _DISTORTION[word]
+    coefficients = section.numbers(coefficients_key) if coefficients_key in section.values else []
+    if distortion == "radtan":
+        if any(coefficients[5:]):
+            raise section.error(
+                coefficients_key,
+                "uses the rational model, which is not supported; calibrate with plumb_bob",
+            )
+        coefficients = coefficients[:5]
+    if not coefficients and section.key("K", "k", "camera_matrix") in section.values:
+        distortion = "none"  # so ROS describes a rectified image
+    if distortion == "none" and not any(coefficients):
+        coefficients = []
+    try:
+        return CameraModel(int(width), int(height), fx, fy, cx, cy, distortion, tuple(coefficients))
+    except RuledgraphError as error:
+        raise section.error(coefficients_key, f"do not fit: {error}") from None
