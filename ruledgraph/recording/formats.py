@@ -8,10 +8,9 @@ from ruledgraph.recording.asl import AslFolder, asl_root
 from ruledgraph.recording.container import Container
 from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.mcap import MAGIC as MCAP_MAGIC
-from ruledgraph.recording.mcap import McapFile
 from ruledgraph.recording.rosbag1 import MAGIC as ROSBAG1_MAGIC
 from ruledgraph.recording.rosbag1 import Rosbag1
-from ruledgraph.recording.rosbag2 import METADATA, ZSTD_MAGIC, Rosbag2, open_storage, storage_files
+from ruledgraph.recording.rosbag2 import METADATA, ZSTD_MAGIC, Rosbag2, storage_files
 from ruledgraph.recording.sqlite import MAGIC as SQLITE_MAGIC
 
 
@@ -49,10 +48,8 @@ def _open(path: Path) -> Container:
     if magic.startswith(b"#ROSBAG V"):
         version = magic[9:12].decode(errors="replace")
         raise RecordingError(f"{path} is a ROS 1 bag of format {version}; convert it to 2.0")
-    if magic.startswith(MCAP_MAGIC):
-        return McapFile(path)
-    if magic.startswith((SQLITE_MAGIC, ZSTD_MAGIC)):
-        return open_storage(path, path)
+    if magic.startswith((MCAP_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC)):
+        return Rosbag2(path)
     raise RecordingError(
         f"{path} is no recording: it begins like neither a ROS 1 bag, an MCAP file nor a ROS 2 "
         "database"

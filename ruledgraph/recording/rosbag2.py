@@ -32,27 +32,26 @@ _LONGEST_MAGIC = 16
 
 
 class Rosbag2:
-    """Files of one recording, one after the other; see `Container`.
+    """The folder of a ROS 2 bag, or a single file of one; see `Container`.
 
-    Which files, and in what order, is read from them, so a folder whose recording was killed
-    before `metadata.yaml` was written is read too. Files that are compressed as a whole are
-    decompressed into a temporary folder.
+    Which files there are, and in what order, is read from them, so a folder whose recording was
+    killed before `metadata.yaml` was written is read too. A file that is compressed as a whole is
+    decompressed into a temporary folder, which lives as long as the object.
     """
 
-    kind: Kind = "rosbag2"
-
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, path: Path) -> None:
         self.damage: dict[str, int] = {}
-        files = storage_files(folder)
-        for name in sorted(_listed(folder, self.damage) - {file.name for file in files}):
-            self.damage[f"{METADATA} lists {name}, which is missing"] = 0
-        if not files:
-            raise RecordingError(f"{folder} holds no sqlite3 or MCAP file of a ROS 2 bag")
+        self._folder: Path | None = None
+        files = storage_files(path) if path.is_dir() else [path]
+        if path.is_dir():
+            self._check_metadata(path / METADATA, {file.name for file in files})
         parts = [part for file in files if (part := self._open(file))]
         if not parts:
-            raise RecordingError(next(iter(self.damage)))
-        self._parts = sorted(parts, key=_first_reception)
+            causes = "; ".join(self.damage) or "it holds no sqlite3 or MCAP file"
+            raise RecordingError(f"{path} cannot be read: {causes}")
+        self.kind: Kind = "rosbag2" if path.is_dir() else parts[0].kind
         self.topics = merge_topics([topic for part in parts for topic in part.topics])
+        self._parts = sorted(parts, key=_first_reception)
         self._collect_damage()
 
     def messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
@@ -62,11 +61,47 @@ class Rosbag2:
             self._collect_damage()
 
     def _open(self, file: Path) -> Container | None:
+        size = file.stat().st_size
+        magic = _magic(file)
+        if magic.startswith(ZSTD_MAGIC):
+            file = self._decompress(file)
+            magic = _magic(file)
         try:
-            return open_storage(file, self)
+            if magic.startswith(MCAP_MAGIC):
+                return McapFile(file)
+            if magic.startswith(SQLITE_MAGIC):
+                return SqliteFile(file)
         except RecordingError as error:
-            self.damage[str(error)] = file.stat().st_size
-            return None
+            self.damage[str(error)] = size
+        else:
+            self.damage[f"{file.name} holds neither an MCAP file nor an sqlite3 database"] = size
+        return None
+
+    def _decompress(self, file: Path) -> Path:
+        if self._folder is None:
+            self._folder = Path(tempfile.mkdtemp(prefix="ruledgraph-"))
+            weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+        target = self._folder / file.name
+        try:
+            with zstd.open(file) as source, target.open("wb") as sink:
+                shutil.copyfileobj(source, sink)
+        except (zstd.ZstdError, EOFError) as error:
+            self.damage[f"{file.name} was cut or is damaged: {error}; what follows is lost"] = 0
+        return target
+
+    def _check_metadata(self, path: Path, found: set[str]) -> None:
+        if not path.exists():
+            self.damage[f"{METADATA} is missing: the recording was not closed in order"] = 0
+            return
+        try:
+            content = YAML(typ="safe").load(path.read_bytes())
+            listed = content["rosbag2_bagfile_information"]["relative_file_paths"]
+            missing = {PurePath(name).name for name in listed} - found
+        except (YAMLError, UnicodeDecodeError, LookupError, TypeError, ValueError) as error:
+            self.damage[f"{METADATA} cannot be read ({type(error).__name__})"] = 0
+            return
+        for name in sorted(missing):
+            self.damage[f"{METADATA} lists {name}, which is missing"] = 0
 
     def _collect_damage(self) -> None:
         for part in self._parts:
@@ -77,28 +112,6 @@ def storage_files(folder: Path) -> list[Path]:
     """The files of a folder that hold messages, by what they begin with, sorted by name."""
     magics = (MCAP_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC)
     return [file for file in sorted(folder.iterdir()) if _magic(file).startswith(magics)]
-
-
-def open_storage(file: Path, owner: object) -> Container:
-    """Open one file; what is decompressed for it lives as long as its owner."""
-    damage = {}
-    name = file.name
-    if _magic(file).startswith(ZSTD_MAGIC):
-        folder = tempfile.mkdtemp(prefix="ruledgraph-")
-        weakref.finalize(owner, shutil.rmtree, folder, ignore_errors=True)
-        target = Path(folder, "decompressed")
-        try:
-            with zstd.open(file) as source, target.open("wb") as sink:
-                shutil.copyfileobj(source, sink)
-        except (zstd.ZstdError, EOFError) as error:
-            damage[f"{name} is damaged: {error}; what follows is lost"] = file.stat().st_size
-        file = target
-    magic = _magic(file)
-    if not magic.startswith((MCAP_MAGIC, SQLITE_MAGIC)):
-        raise RecordingError(f"{name} holds neither an MCAP file nor an sqlite3 database")
-    part: Container = McapFile(file) if magic.startswith(MCAP_MAGIC) else SqliteFile(file)
-    part.damage.update(damage)
-    return part
 
 
 def _first_reception(part: Container) -> int:
@@ -122,18 +135,3 @@ def _decompressed(message: RawMessage) -> RawMessage:
         except DamagedError:
             return message  # it will not decode, and be counted
     return message
-
-
-def _listed(folder: Path, damage: dict[str, int]) -> set[str]:
-    """Names of the files that `metadata.yaml` lists."""
-    path = folder / METADATA
-    if not path.exists():
-        damage[f"{METADATA} is missing: the recording was not closed in order"] = 0
-        return set()
-    try:
-        content = YAML(typ="safe").load(path.read_bytes())
-        listed = content["rosbag2_bagfile_information"]["relative_file_paths"]
-        return {PurePath(name).name for name in listed}
-    except (YAMLError, UnicodeDecodeError, LookupError, TypeError, ValueError) as error:
-        damage[f"{METADATA} cannot be read: {type(error).__name__}"] = 0
-        return set()
