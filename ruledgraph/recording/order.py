@@ -13,6 +13,7 @@ REORDER_BOUND = 500_000_000
 """ns; a message that comes later than this after one with a later stamp is dropped."""
 
 _AHEAD = "its stamp jumps ahead"
+_BEHIND = f"its stamp is more than {REORDER_BOUND * 1e-9:g} s behind others"
 
 
 class Stamped(NamedTuple):
@@ -31,7 +32,7 @@ def in_stamp_order(
     """Sort messages by stamp, in a buffer `REORDER_BOUND` long.
 
     A single stamp that jumps ahead, one flipped bit is enough, must not make everything after it
-    late. So the newest message of each topic is held back until its successor confirms it.
+    late. So the newest message of each topic is held back until a later stamp confirms it.
 
     Args:
         messages: in the order of reception.
@@ -39,7 +40,7 @@ def in_stamp_order(
         reordered: told of every message that came after one of its topic with a later stamp.
     """
     held: dict[str, Stamped] = {}
-    newest: dict[str, int] = {}  # stamp confirmed on each topic
+    newest: dict[str, int] = {}  # the latest confirmed stamp of each topic
     heap: list[tuple[int, int, Stamped]] = []
     tie = itertools.count()
     released = 0
@@ -47,7 +48,7 @@ def in_stamp_order(
     def confirm(message: Stamped) -> None:
         name = message.topic.name
         if message.stamp < released:
-            drop(message, f"its stamp is more than {REORDER_BOUND * 1e-9:g} s behind others")
+            drop(message, _BEHIND)
             return
         if message.stamp < newest.get(name, 0):
             reordered()
@@ -57,21 +58,26 @@ def in_stamp_order(
     for message in messages:
         name = message.topic.name
         previous = held.get(name)
-        if previous is not None and previous.stamp > message.stamp + REORDER_BOUND:
-            # One of the two is wrong; the stamps before them tell which.
-            if newest.get(name, 0) > message.stamp + REORDER_BOUND:
-                confirm(message)
-                continue
+        last = newest.get(name, message.stamp)
+        jumped = previous is not None and previous.stamp > last + REORDER_BOUND
+        if message.stamp < last - REORDER_BOUND or (
+            previous is not None and not jumped and message.stamp < previous.stamp - REORDER_BOUND
+        ):
+            drop(message, _BEHIND)
+            continue
+        if previous is not None and message.stamp < previous.stamp - REORDER_BOUND:
             drop(previous, _AHEAD)
         elif previous is not None:
             confirm(previous)
         held[name] = message
-        limit = max(newest.values(), default=0) - REORDER_BOUND
-        while heap and heap[0][0] <= limit:
+        clock = max(newest.values(), default=0)
+        for other in [m for m in held.values() if m.stamp <= clock]:
+            confirm(held.pop(other.topic.name))
+        while heap and heap[0][0] <= clock - REORDER_BOUND:
             released, _, ready = heapq.heappop(heap)
             yield ready
     for name, message in held.items():
-        if name in newest and message.stamp > newest[name] + REORDER_BOUND:
+        if message.stamp > newest.get(name, message.stamp) + REORDER_BOUND:
             drop(message, _AHEAD)
         else:
             confirm(message)
