@@ -1,0 +1,232 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""A simulated recording: a scene, a motion, a camera and an IMU."""
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ruledgraph.errors import RuledgraphError
+from ruledgraph.measurements import Frame, ImuSample
+from ruledgraph.sensors import D435I_LIKE, Calibration, CameraModel, ImuNoise
+from ruledgraph.simulation.exposure import ImageQuality, Sensor
+from ruledgraph.simulation.imu import sample_count, stream_imu, walk_bias
+from ruledgraph.simulation.motion import FloatArray, Motion
+from ruledgraph.simulation.motions import make_motion
+from ruledgraph.simulation.renderer import Image, Renderer
+from ruledgraph.simulation.scene import Scene
+from ruledgraph.simulation.scenes import make_scene
+
+D435I = Calibration(
+    CameraModel(640, 480, 385.2, 384.9, 320.3, 238.6),
+    gtsam.Pose3(gtsam.Rot3.RzRyRx(0.004, -0.006, 0.003), np.array([0.0055, -0.0051, -0.0117])),
+    D435I_LIKE,
+)
+"""Like an Intel RealSense D435i: its rectified infrared camera at 640 x 480, and its IMU."""
+
+# Deviations of the IMU's bias when it is switched on: m/s^2 and rad/s.
+_BIAS_SIGMAS = np.repeat([0.08, 0.004], 3)
+# A frame is rendered so often that the image moves less than this between two times, px.
+_BLUR_STEP = 1.0
+_MOST_EXPOSURES = 16
+_EPOCH = 1_700_000_000_000_000_000
+
+
+class TrueStates(NamedTuple):
+    """The body at n stamps of the IMU's clock."""
+
+    stamps: NDArray[np.int64]
+    """(n,), ns."""
+    rotation: FloatArray
+    """World from body, (n, 3, 3)."""
+    position: FloatArray
+    """Body origin in the world, (n, 3), m."""
+    velocity: FloatArray
+    """In the world, (n, 3), m/s."""
+    bias: FloatArray
+    """Of the IMU: accelerometer (m/s^2), gyroscope (rad/s), (n, 6)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """A recording that is made while it is read; the same each time. `simulate` makes one."""
+
+    scene: Scene
+    motion: Motion
+    calibration: Calibration
+    """Stamps of frames are `time_offset` earlier than the IMU's of the same moment."""
+    rate: float
+    """Frames a second."""
+    imu_rate: float
+    imu_noise: ImuNoise | None
+    quality: ImageQuality
+    seed: int
+    bias: FloatArray
+    """The IMU's true bias at every sample, (N, 6)."""
+    epoch: int = _EPOCH
+    """Stamp of the motion's time zero, IMU's clock, ns."""
+
+    def stream(self) -> Iterator[Frame | ImuSample]:
+        """All measurements, ordered by their stamps."""
+        return heapq.merge(self.imu_samples(), self.frames(), key=lambda m: m.stamp)
+
+    def imu_samples(self) -> Iterator[ImuSample]:
+        """The IMU's part of the stream."""
+        rng = np.random.default_rng([self.seed, 8])
+        for chunk in stream_imu(self.motion, self.imu_rate, self.imu_noise, self.bias, rng):
+            stamps = self.stamps(chunk.times)
+            for sample in zip(stamps.tolist(), chunk.gyroscope, chunk.accelerometer, strict=True):
+                yield ImuSample(*sample)
+
+    def frames(self) -> Iterator[Frame]:
+        """The camera's part of the stream."""
+        camera = _Camera(self)
+        for number, time in enumerate(self.frame_times()):
+            if not camera.sensor.drops(number):
+                stamp = int(self.stamps(time - self.calibration.time_offset))
+                yield Frame(stamp, camera.take(number, float(time)))
+
+    def frame_times(self) -> FloatArray:
+        """Of all frames, dropped ones included: the middle of their exposure, s.
+
+        The first is half a frame after the motion's start.
+        """
+        count = int(np.floor((self.motion.stop - self.motion.start) * self.rate + 1e-6))
+        return np.asarray(self.motion.start + (np.arange(count) + 0.5) / self.rate)
+
+    def stamps(self, times: ArrayLike) -> NDArray[np.int64]:
+        """Times of the motion, s, as stamps of the IMU's clock, ns."""
+        return np.round(np.asarray(times) * 1e9).astype(np.int64) + self.epoch
+
+    def truth(self, stamps: ArrayLike) -> TrueStates:
+        """The true states at any stamps (n,) of the IMU's clock."""
+        at = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
+        times = (at - self.epoch) * 1e-9
+        samples = (times - self.motion.start) * self.imu_rate
+        bias = [np.interp(samples, np.arange(len(self.bias)), column) for column in self.bias.T]
+        return TrueStates(
+            at,
+            self.motion.rotation(times),
+            self.motion.position(times),
+            self.motion.velocity(times),
+            np.stack(bias, axis=1),
+        )
+
+    @property
+    def ground_truth(self) -> TrueStates:
+        """The true states at the frames' moments, in the IMU's clock."""
+        return self.truth(self.stamps(self.frame_times()))
+
+    @property
+    def lines(self) -> FloatArray:
+        """End points of the scene's lines in the world, (M, 2, 3), m; `line_names` names them."""
+        return self.scene.lines
+
+    @property
+    def line_names(self) -> tuple[str, ...]:
+        """Of the lines."""
+        return self.scene.line_names
+
+
+class _Camera:
+    """Takes the frames of a simulation."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._motion, self._quality = simulation.motion, simulation.quality
+        self._body_T_cam = simulation.calibration.body_T_cam
+        self._camera = simulation.calibration.camera
+        self._renderer = Renderer(simulation.scene, self._camera)
+        self.sensor = Sensor(self._camera, simulation.quality, simulation.seed)
+        # As a measure of the distance of what is seen.
+        self._lines = simulation.scene.lines.reshape(-1, 3)
+
+    def take(self, number: int, time: float) -> NDArray[np.uint8]:
+        """The frame exposed around a time, s."""
+        return self.sensor.develop(self._brightness(time), number, time)
+
+    def _brightness(self, time: float) -> Image:
+        half = 0.5 * self._quality.exposure
+        count = self._exposures(time - half, time + half)
+        # Midpoints of equal parts of the exposure.
+        moments = time + half * ((2.0 * np.arange(count) + 1.0) / count - 1.0)
+        images = [self._renderer.render(self._pose(moment)) for moment in moments]
+        total = images[0]
+        for image in images[1:]:
+            total += image
+        return total * np.float32(1.0 / count)
+
+    def _pose(self, time: float) -> gtsam.Pose3:
+        return self._motion.pose(time) * self._body_T_cam
+
+    def _exposures(self, start: float, stop: float) -> int:
+        """How many renderings make a smooth blur, from how far the scene's lines move."""
+        if stop <= start:
+            return 1
+        first, last = self._pose(start), self._pose(stop)
+        seen = [
+            (self._lines - pose.translation()) @ pose.rotation().matrix() for pose in (first, last)
+        ]
+        ahead = (seen[0][:, 2] > 0.2) & (seen[1][:, 2] > 0.2)
+        rays = [points[ahead, :2] / points[ahead, 2:] for points in seen]
+        in_view = np.all(np.abs(rays[0]) < 1.0, axis=1)
+        if not in_view.any():
+            return 1
+        moved = np.linalg.norm(rays[1][in_view] - rays[0][in_view], axis=1).max()
+        pixels = float(moved) * self._camera.focal_length
+        return int(np.clip(np.ceil(pixels / _BLUR_STEP), 1, _MOST_EXPOSURES))
+
+
+def simulate(
+    scene: str | Scene,
+    motion: str | Motion,
+    *,
+    calibration: Calibration = D435I,
+    rate: float = 90.0,
+    imu_rate: float = 200.0,
+    imu_noise: ImuNoise | None = D435I_LIKE,
+    quality: ImageQuality | None = None,
+    duration: float = 12.0,
+    moving_start: bool = False,
+    seed: int = 0,
+) -> Simulation:
+    """Simulate a recording.
+
+    Args:
+        scene: one of `SCENES` or a scene of your own.
+        motion: one of `MOTIONS` or a motion of your own.
+        calibration: camera, IMU and how they are mounted.
+        rate: frames a second.
+        imu_rate: samples a second.
+        imu_noise: None for an IMU without noise and bias.
+        quality: of the images, by default that of a good camera in a dim room.
+        duration: of a named motion, s.
+        moving_start: a named motion starts at full speed instead of one second of rest.
+        seed: of all randomness.
+
+    Raises:
+        RuledgraphError: for a name that is not known or a figure out of its range.
+    """
+    if isinstance(scene, str):
+        scene = make_scene(scene, seed)
+    if isinstance(motion, str):
+        body_R_cam = calibration.body_T_cam.rotation().matrix()
+        motion = make_motion(motion, body_R_cam, duration, moving_start, seed)
+    for name, value in (("rate", rate), ("imu_rate", imu_rate)):
+        if not (np.isfinite(value) and value > 0.0):
+            raise RuledgraphError(f"{name} = {value} Hz is not positive")
+    quality = ImageQuality() if quality is None else quality
+    if quality.exposure > 1.0 / rate:
+        raise RuledgraphError(
+            f"an exposure of {quality.exposure} s does not fit between frames at {rate} Hz"
+        )
+    rng = np.random.default_rng([seed, 7])
+    initial = None if imu_noise is None else rng.normal(size=6) * _BIAS_SIGMAS
+    bias = walk_bias(sample_count(motion, imu_rate), imu_rate, imu_noise, rng, initial)
+    return Simulation(
+        scene, motion, calibration, rate, imu_rate, imu_noise, quality, seed, bias
+    )
