@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Tables of numbers in text files, columns apart by commas or blanks, stamps read exactly."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -80,12 +80,40 @@ def _nanoseconds(text: str, unit: str) -> int:
 def read_table(path: Path) -> Table:
     """Read a file with at least one row.
 
-    Lines that begin with # or % are comments. The last of them before the first row, or a first
-    row that does not begin with a number, names the columns.
+    The last comment before the first row, or a first row that does not begin with a number, names
+    the columns.
 
     Raises:
         TableError: for a file that cannot be read, is no text or has no rows.
     """
+    header: list[str] = []
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    commas = False
+    for number, line in _lines(path):
+        columns = _columns(line.lstrip("#% "))
+        if line[0] in "#%" or (not rows and not _is_number(columns[0])):
+            header = header if rows else columns
+        else:
+            commas = commas or ("," in line and not rows)
+            rows.append(columns)
+            lines.append(number)
+    if not rows:
+        raise TableError(f"{path}: holds no rows of numbers")
+    return Table(path, header, rows, lines, commas)
+
+
+def read_words(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """The rows of a file that are not comments, each with the number of its line.
+
+    Raises:
+        TableError: for a file that cannot be read or is no text.
+    """
+    return ((number, _columns(line)) for number, line in _lines(path) if line[0] not in "#%")
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """The lines that are not empty, with their numbers."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
@@ -93,23 +121,9 @@ def read_table(path: Path) -> Table:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise TableError(f"{path}: cannot be read: {reason}") from None
-    header: list[str] = []
-    rows: list[list[str]] = []
-    lines: list[int] = []
     for number, line in enumerate(text.split("\n"), 1):
-        stripped = line.strip()
-        if not stripped:
-            continue
-        if stripped[0] in "#%":
-            header = header if rows else _columns(stripped.lstrip("#% "))
-        elif not rows and not _is_number(_columns(stripped)[0]):
-            header = _columns(stripped)
-        else:
-            rows.append(_columns(stripped))
-            lines.append(number)
-    if not rows:
-        raise TableError(f"{path}: holds no rows of numbers")
-    return Table(path, header, rows, lines, commas="," in text.split("\n")[lines[0] - 1])
+        if stripped := line.strip():
+            yield number, stripped
 
 
 def _columns(line: str) -> list[str]:
