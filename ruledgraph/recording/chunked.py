@@ -191,12 +191,12 @@ def decompress(data: bytes, compression: str, size: int) -> bytes:
 
 
 def string(data: bytes) -> str:
-    """UTF-8 text of a record.
+    """Printable UTF-8 text of a record.
 
     Raises:
         DamagedError: when it is none.
     """
-    try:
-        return data.decode()
-    except UnicodeDecodeError:
-        raise DamagedError("a name is not text") from None
+    text = data.decode(errors="replace")
+    if not text.isprintable():
+        raise DamagedError("a name is not text")
+    return text

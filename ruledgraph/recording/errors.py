@@ -6,4 +6,7 @@ from ruledgraph.errors import RuledgraphError
 
 
 class RecordingError(RuledgraphError):
-    """A recording that cannot be read, or written, as asked."""
+    """A recording that cannot be read, or written, as asked; one line, whatever it quotes."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(" ".join(message.split()))

@@ -29,6 +29,8 @@ from ruledgraph.recording.sqlite import SqliteFile
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 METADATA = "metadata.yaml"
 _LONGEST_MAGIC = 16
+# Bytes decompressed at a time.
+_PIECE = 2**20
 
 
 class Rosbag2:
@@ -82,11 +84,18 @@ class Rosbag2:
             self._folder = Path(tempfile.mkdtemp(prefix="ruledgraph-"))
             weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         target = self._folder / file.name
+        decompressor = zstd.ZstdDecompressor()
         try:
-            with zstd.open(file) as source, target.open("wb") as sink:
-                shutil.copyfileobj(source, sink)
+            with file.open("rb") as source, target.open("wb") as sink:
+                while data := source.read(_PIECE):
+                    sink.write(decompressor.decompress(data, _PIECE))
+                    while not (decompressor.needs_input or decompressor.eof):
+                        sink.write(decompressor.decompress(b"", _PIECE))
+            damage = "" if decompressor.eof else "it ends too early"
         except (zstd.ZstdError, EOFError) as error:
-            self.damage[f"{file.name} was cut or is damaged: {error}; what follows is lost"] = 0
+            damage = str(error)
+        if damage:
+            self.damage[f"{file.name} was cut or is damaged: {damage}; what follows is lost"] = 0
         return target
 
     def _check_metadata(self, path: Path, found: set[str]) -> None:

@@ -3,6 +3,7 @@
 """The sqlite3 databases of ROS 2 bags."""
 
 import sqlite3
+from collections import deque
 from collections.abc import Collection, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -22,7 +23,7 @@ class SqliteFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.damage: dict[str, int] = {}
-        self._truncated = _missing_bytes(path)
+        self._page, self._truncated = _read_header(path)
         if self._truncated:
             self.damage[f"{path.name} was cut: what follows is lost"] = self._truncated
         try:
@@ -33,7 +34,7 @@ class SqliteFile:
                 topics = {
                     number: Topic(str(name), str(type_), str(encoding), 0)
                     for number, name, type_, encoding in rows
-                    if isinstance(number, int)
+                    if isinstance(number, int) and str(name).isprintable()
                 }
                 counts = dict.fromkeys(topics, 0)
                 try:
@@ -55,8 +56,24 @@ class SqliteFile:
         """See `Container`; by the order of reception, in a damaged file by that of writing."""
         wanted = [i for i, topic in self._topics.items() if topic.name in topics]
         with closing(self._connect()) as database:
-            for number, received, data in self._rows(database, wanted):
+            rows = self._rows(database, wanted)
+            for number, received, data in self._whole(rows) if self._truncated else rows:
                 yield RawMessage(received, self._topics[number].name, data)
+
+    def _whole(self, rows: Iterator[tuple[int, int, bytes]]) -> Iterator[tuple[int, int, bytes]]:
+        """All but the last rows, those that may lie in the page that was cut.
+
+        Sqlite takes the missing part of that page for zeros. It may belong to any of the rows
+        that are followed by less than a page of others.
+        """
+        waiting: deque[tuple[int, int, bytes]] = deque()
+        size = 0
+        for row in rows:
+            waiting.append(row)
+            size += len(row[2])
+            while size - len(waiting[0][2]) >= self._page:
+                size -= len(waiting[0][2])
+                yield waiting.popleft()
 
     def _rows(
         self, database: sqlite3.Connection, wanted: Collection[int]
@@ -75,23 +92,35 @@ class SqliteFile:
                     yield number, received, data
                     delivered += len(data)
         except sqlite3.DatabaseError as error:
+            if self._truncated:
+                return  # that is the cut
             lost = max(0, self.path.stat().st_size - delivered)
-            self.damage[f"{self.path.name} is damaged: {error}; what follows is lost"] = lost
+            self.damage[f"{self.path.name} is damaged: {_line(error)}; what follows is lost"] = lost
 
     def _connect(self) -> sqlite3.Connection:
         # Immutable: no lock, no journal, also in a folder that cannot be written. What a killed
         # recording left in its write-ahead log is only seen without it.
         log = self.path.with_name(self.path.name + "-wal")
         mode = "mode=ro" if log.exists() else "immutable=1"
-        return sqlite3.connect(f"file:{quote(str(self.path))}?{mode}", uri=True)
+        database = sqlite3.connect(f"file:{quote(str(self.path))}?{mode}", uri=True)
+        if self._truncated:
+            # Otherwise sqlite refuses a file that is shorter than its header says.
+            database.execute("PRAGMA writable_schema = ON")
+        return database
 
 
-def _missing_bytes(path: Path) -> int:
-    """By how much a database is shorter than its header says."""
+def _line(error: Exception) -> str:
+    """In one line; sqlite quotes statements."""
+    return " ".join(str(error).split())
+
+
+def _read_header(path: Path) -> tuple[int, int]:
+    """Bytes of a page, and by how many bytes the database is shorter than it should be."""
     with path.open("rb") as file:
         header = file.read(32)
     if len(header) < 32:
         raise RecordingError(f"{path} ends after {len(header)} bytes, in its header")
     page = int.from_bytes(header[16:18], "big")
+    page = 65536 if page == 1 else page
     pages = int.from_bytes(header[28:32], "big")
-    return max(0, (65536 if page == 1 else page) * pages - path.stat().st_size)
+    return page, max(0, page * pages - path.stat().st_size)

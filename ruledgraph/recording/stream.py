@@ -27,6 +27,8 @@ from ruledgraph.recording.topics import ImuTopics
 # A stream that begins with so many unusable frames, or goes on with so many of another size than
 # before, is not worth following further.
 _MOST_BAD_FRAMES = 10
+# rad/s and m/s^2; far beyond what any IMU measures, in whatever unit.
+_ABSURD = 1e6
 
 Decoder = Callable[[Topic, RawMessage], Grey]
 
@@ -180,8 +182,8 @@ class _Pass:
             part = Gyroscope(stamped.stamp, gyroscope)
         else:
             part = Accelerometer(stamped.stamp, accelerometer)
-        if not np.isfinite(part[1:]).all():
-            raise UnreadableMessageError("it is not finite (NaN)")
+        if not (np.abs(part[1:]) < _ABSURD).all():  # nor when NaN
+            raise UnreadableMessageError("its numbers are not finite, or absurd")
         return part
 
 

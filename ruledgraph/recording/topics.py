@@ -136,7 +136,7 @@ def _several(what: str, flags: Sequence[str]) -> RecordingError:
 
 
 def _join(flags: Sequence[str]) -> str:
-    return "  or  ".join(flags)
+    return " or ".join(flags)
 
 
 def _listing(topics: Collection[Topic]) -> str:

@@ -86,7 +86,7 @@ def test_asl_with_windows_line_ends_two_cameras_and_a_path_in_its_names(tmp_path
     text = table.read_text().replace(",", ",../../cam1/data/").replace("\n", "\r\n")
     table.write_bytes(text.encode())
     shutil.rmtree(path / "cam1" / "data")
-    with pytest.raises(RecordingError, match="--image-topic cam0  or  --image-topic cam1"):
+    with pytest.raises(RecordingError, match="--image-topic cam0 or --image-topic cam1"):
         open_recording(path)
     # The folder in a row is ignored: only the sensor's own images are read.
     assert_same(list(open_recording(path, image_topic="cam0").stream()), measurements)

@@ -47,9 +47,9 @@ def test_several_are_listed_as_flags() -> None:
     with pytest.raises(RecordingError) as caught:
         choose_image_topic([image("/cam0"), image("/cam1")])
     assert str(caught.value) == (
-        "several topics hold images, choose with: --image-topic /cam0  or  --image-topic /cam1"
+        "several topics hold images, choose with: --image-topic /cam0 or --image-topic /cam1"
     )
-    with pytest.raises(RecordingError, match="--imu-topic /imu0  or  --imu-topic /mavros/imu"):
+    with pytest.raises(RecordingError, match="--imu-topic /imu0 or --imu-topic /mavros/imu"):
         choose_imu_topics([imu("/imu0"), imu("/mavros/imu")])
     with pytest.raises(RecordingError) as caught:
         choose_imu_topics([*REALSENSE, *LIBREALSENSE])
