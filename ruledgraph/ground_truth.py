@@ -81,18 +81,18 @@ def read_ground_truth(source: str | Path, recording: "Recording | None" = None) 
         RecordingError: when the recording cannot be read.
     """
     path = Path(source)
-    if path.exists() or recording is None:
-        try:
+    poses, comma, times = str(source).partition(",")
+    try:
+        if comma and Path(poses).is_file() and not path.is_file():
+            return _kitti(read_table(Path(poses)), Path(times))
+        if recording is None or path.is_file():
             return _from_file(path)
-        except TableError as error:
-            raise TrajectoryError(str(error)) from None
+    except TableError as error:
+        raise TrajectoryError(str(error)) from None
     return _from_topic(str(source), recording)
 
 
 def _from_file(path: Path) -> GroundTruth:
-    poses, comma, times = str(path).partition(",")
-    if comma and not path.exists():
-        return _kitti(read_table(Path(poses)), Path(times))
     table = read_table(path)
     if table.width == 12 and not table.commas:
         return _kitti(table, path.with_name("times.txt"))
@@ -200,7 +200,7 @@ def _frame_rows(source: str, messages: Iterable[Any], frame: str) -> list[tuple[
     if not rows:
         topic = source.partition(":")[0]
         choices = "  or  ".join(f"{topic}:{child}" for child in sorted(frames))
-        what = f"no frame {frame}" if frame else "holds transforms"
+        what = f"no frame {frame}" if frame else "holds the transforms of frames"
         raise TrajectoryError(f"{source}: {what}, choose one: {choices or 'there is none'}")
     return rows
 

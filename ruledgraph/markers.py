@@ -45,7 +45,7 @@ def read_markers(source: str | Path, recording: "Recording | None" = None) -> Ma
         RecordingError: when the recording cannot be read.
     """
     path = Path(source)
-    if not path.exists() and recording is not None:
+    if recording is not None and not path.is_file():
         return _from_topics(str(source), recording)
     try:
         named = _from_yaml(path) if path.suffix in (".yaml", ".yml") else _from_csv(path)
@@ -79,7 +79,7 @@ def _point(path: Path, name: str, words: Node) -> NDArray[np.float64]:
     except ValueError:
         point = np.empty(0)
     if point.shape != (3,) or not np.isfinite(point).all():
-        raise MarkersError(f"{path}: {name} must be 3 numbers, x, y, z in metres")
+        raise MarkersError(f"{path}: {name[:40]!r} must be 3 numbers, x, y, z in metres")
     return point
 
 

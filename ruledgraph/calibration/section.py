@@ -46,9 +46,9 @@ class Section:
         return next((name for name in names if name in self.values), names[0])
 
     def text(self, key: str, default: str = "") -> str:
-        """The text of a key."""
+        """The text of a key, without blanks or line ends."""
         value = self.values.get(key, default)
-        if not isinstance(value, str):
+        if not isinstance(value, str) or " " in value or not value.isprintable():
             raise self.error(key, "must be a word")
         return value
 

@@ -349,6 +349,7 @@ def test_what_the_caller_knows_comes_before_the_files(file):
     [
         ("pinhole", "omni", "cam0/camera_model 'omni' is not supported, only pinhole; calibrate"),
         ("pinhole", "[1]", "cam0/camera_model must be a word"),
+        ("/cam0/image_raw", '"/cam0\\nx"', "cam0/rostopic must be a word"),
         ("radtan", "fov", "cam0/distortion_model 'fov' is not supported; calibrate with radtan"),
         ("radtan", "none", "cam0/distortion_coeffs do not fit: distortion model none takes 0"),
         ("-0.28, ", "", "cam0/distortion_coeffs do not fit: distortion model radtan takes 4 or 5"),
@@ -476,7 +477,7 @@ def test_damaged_files_give_a_calibration_or_one_line(file, text, others):
     path = file(text, "damaged.yaml")
     read_calibration(path, *companions)
     outcomes = {"read": 0, "refused": 0}
-    for seed in range(1000):
+    for seed in range(600):
         path.write_bytes(mutated(seed, text))
         try:
             calibration = read_calibration(path, *companions)
@@ -486,7 +487,7 @@ def test_damaged_files_give_a_calibration_or_one_line(file, text, others):
         else:
             assert np.isfinite(calibration.body_T_cam.matrix()).all()
             outcomes["read"] += 1
-    assert min(outcomes.values()) > 100
+    assert min(outcomes.values()) > 40
 
 
 # writing

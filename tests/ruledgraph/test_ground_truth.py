@@ -186,7 +186,7 @@ def test_damaged_files_give_poses_or_one_line(file, text):
     file("\n".join(map(str, range(6))), "times.txt")
     alphabet = np.frombuffer(b"0123456789" * 4 + b".,-+e# \nnaif\xff\0", dtype=np.uint8)
     outcomes = {"read": 0, "refused": 0}
-    for seed in range(1500):
+    for seed in range(700):
         rng = np.random.default_rng(seed)
         data = bytearray((text * 3).encode())
         for _ in range(rng.integers(1, 4)):
@@ -202,7 +202,7 @@ def test_damaged_files_give_poses_or_one_line(file, text):
             assert np.isfinite(truth.positions).all()
             assert np.all(np.diff(truth.stamps) > 0)
             outcomes["read"] += 1
-    assert min(outcomes.values()) > 100
+    assert min(outcomes.values()) > 50
 
 
 # topics
@@ -263,6 +263,17 @@ def test_topics_with_poses(tmp_path, kind):
     assert_the_two_poses(read_ground_truth("vicon/body", recording))
 
 
+def test_a_file_comes_before_a_topic(tmp_path, file):
+    kind = "geometry_msgs/msg/PoseStamped"
+    messages = [pose_message(kind, START, *POSES[0])]
+    recording = write_bag(tmp_path / "a.bag", {str(tmp_path): (kind, messages)})
+    assert_the_two_poses(read_ground_truth(file(tum_rows()), recording))
+    poses, times = file(KITTI, "poses.txt"), file("0.0\n0.1\n", "stamps.txt")
+    assert_the_two_poses(read_ground_truth(f"{poses},{times}", recording), [0, 100_000_000])
+    # A folder is no ground truth, but a topic may be called the same.
+    assert len(read_ground_truth(tmp_path, recording).stamps) == 1
+
+
 def test_topic_with_points(tmp_path):
     kind = "geometry_msgs/msg/PointStamped"
     messages = [pose_message(kind, s, *pose) for s, pose in zip(STAMPS, POSES, strict=True)]
@@ -287,7 +298,7 @@ def test_frames_among_transforms(tmp_path):
     ]
     recording = write_bag(tmp_path / "a.bag", {"/tf": ("tf2_msgs/msg/TFMessage", messages)})
     assert_the_two_poses(read_ground_truth("/tf:vicon/body", recording))
-    for source, what in (("/tf", "holds transforms"), ("/tf:hat", "no frame hat")):
+    for source, what in (("/tf", "holds the transforms of frames"), ("/tf:hat", "no frame hat")):
         with pytest.raises(TrajectoryError) as error:
             read_ground_truth(source, recording)
         choices = "/tf:vicon/body  or  /tf:wand"
@@ -327,11 +338,11 @@ def test_markers_in_files(file):
     [
         ("m.csv", "a,1,2,3\na,1,2,3\n", ":2: a occurs twice"),
         ("m.csv", "a,1,2\n", ":1: not name,x,y,z"),
-        ("m.csv", "a,1,2,x\n", ": a must be 3 numbers, x, y, z in metres"),
+        ("m.csv", "a,1,2,x\n", ": 'a' must be 3 numbers, x, y, z in metres"),
         ("m.csv", "# nothing\n", ": holds no markers"),
-        ("m.yaml", "a: 123\n", ": a must be 3 numbers, x, y, z in metres"),
-        ("m.yaml", "a: [1, 2, nan]\n", ": a must be 3 numbers, x, y, z in metres"),
-        ("m.yaml", "a: [1, [2], 3]\n", ": a must be 3 numbers, x, y, z in metres"),
+        ("m.yaml", "a: 123\n", ": 'a' must be 3 numbers, x, y, z in metres"),
+        ("m.yaml", "a: [1, 2, nan]\n", ": 'a' must be 3 numbers, x, y, z in metres"),
+        ("m.yaml", "a: [1, [2], 3]\n", ": 'a' must be 3 numbers, x, y, z in metres"),
         ("m.yaml", "just words\n", ": holds no markers"),
         ("m.yaml", "a: [1\n", ":2: not valid YAML: "),
     ],
