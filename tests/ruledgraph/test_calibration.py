@@ -455,7 +455,7 @@ def mutated(seed: int, text: str) -> bytes:
     """Some bytes replaced, left out or put in."""
     rng = np.random.default_rng(seed)
     data = bytearray(text.encode())
-    for _ in range(rng.integers(1, 6)):
+    for _ in range(rng.integers(1, 4)):
         at = int(rng.integers(len(data)))
         stop = at + int(rng.choice([0, 1, 1, 10]))
         data[at:stop] = ALPHABET[rng.integers(len(ALPHABET))]
