@@ -26,8 +26,8 @@ from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
 from ruledgraph.recording import RecordingError, Report, open_recording
 
 MEASUREMENTS = sequence(1.5, shape=(24, 32))
-CUTS = 40
-FLIPS = 120
+CUTS = 30
+FLIPS = 80
 WITHOUT_LIMIT = ("rosbag1-lz4", "sqlite3-file", "mcap-file", "mcap-storage")
 SECONDS = 5.0
 MEGABYTES = 4000
@@ -101,7 +101,7 @@ def test_cut_bags(bag: str, tmp_path: Path) -> None:
             assert report.warnings
     # The more there is, the more is read; of compressed chunks only whole ones.
     assert recovered == sorted(recovered)
-    if bag in ("rosbag1", "mcap", "mcap-message", "sqlite3", "sqlite3-message"):
+    if bag in ("rosbag1", "mcap", "mcap-message", "sqlite3"):
         assert recovered[CUTS // 2] > 0.2 * len(MEASUREMENTS)
         assert recovered[-1] > 0.9 * len(MEASUREMENTS)
 
