@@ -24,7 +24,7 @@ class ImageQuality:
 
     exposure: float = 0.005
     """s; a moving image is blurred over it. Stamps are of its middle."""
-    gain: float = 0.9
+    gain: float = 1.1
     """Of the image by the brightness of the scene."""
     photon_noise: float = 0.03
     """Variance of a pixel by its value, both in grey levels."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Rooms of any size, furnished along their walls, and a corridor."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,9 @@ from ruledgraph.simulation.scene import Material, Scene, Surface, box, panel, sh
 
 # Between things that would touch, m: surfaces in one plane have no order.
 _GAP = 0.004
+# Size of a texture pixel, m.
+_TEXEL = 0.004
+_UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,11 +29,12 @@ class _Wall:
     along: FloatArray
     out: FloatArray
     length: float
-    height: float
+    unit: float = 1.0
+    """All lengths are in units of this, m: the furniture of a hall is larger."""
 
     def at(self, along: float, out: float, up: float) -> FloatArray:
         """Position in the world, (3,), m."""
-        return self.corner + along * self.along + out * self.out + [0.0, 0.0, up]
+        return self.corner + self.unit * (along * self.along + out * self.out + up * _UP)
 
     def box(
         self,
@@ -44,45 +48,51 @@ class _Wall:
         """A box of size (along, out, up) whose back is `out` metres off the wall."""
         width, depth, height = size
         # Its axes are the wall's, so that faces are named alike on every wall.
-        axes = np.stack([self.out, -self.along, [0.0, 0.0, 1.0]], axis=1)
+        axes = np.stack([self.out, -self.along, _UP], axis=1)
         centre = self.at(middle, out + 0.5 * depth, bottom + 0.5 * height)
-        return box(f"{self.name}.{name}", centre, (depth, width, height), material, axes)
+        extent = self.unit * np.array([depth, width, height])
+        texel = _TEXEL * self.unit
+        faces = box(f"{self.name}.{name}", centre, extent, material, axes, texel)
+        return [face for face in faces if not face.name.endswith("-x")]  # nobody sees its back
 
     def panel(
-        self, name: str, middle: float, bottom: float, size: tuple[float, float], material: Material
+        self,
+        name: str,
+        middle: float,
+        bottom: float,
+        size: tuple[float, float],
+        material: Material,
     ) -> list[Surface]:
         """A flat thing of size (along, up) on the wall."""
         width, height = size
         centre = self.at(middle, _GAP, bottom + 0.5 * height)
-        right, down = width * self.along, np.array([0.0, 0.0, -height])
-        return [panel(f"{self.name}.{name}", centre, right, down, material)]
+        right, down = self.unit * width * self.along, -self.unit * height * _UP
+        texel = _TEXEL * self.unit
+        return [panel(f"{self.name}.{name}", centre, right, down, material, texel=texel)]
 
     def frame(
         self, name: str, middle: float, bottom: float, size: tuple[float, float], material: Material
     ) -> list[Surface]:
-        """Four bars around a panel of that size."""
+        """Four strips around a panel of that size."""
         width, height = size
-        bar, thick = 0.06, 0.03
-        across = (width + 2.0 * bar, thick, bar)
-        upright = (bar, thick, height - 2.0 * _GAP)
-        off = 0.5 * (width + bar)
+        strip, off = 0.06, 0.5 * (width + 0.06)
+        across, upright = (width + 2.0 * strip, strip), (strip, height)
         return [
-            *self.box(f"{name}.top", middle, bottom + height, across, material),
-            *self.box(f"{name}.bottom", middle, bottom - bar, across, material),
-            *self.box(f"{name}.left", middle - off, bottom + _GAP, upright, material),
-            *self.box(f"{name}.right", middle + off, bottom + _GAP, upright, material),
+            *self.panel(f"{name}.top", middle, bottom + height, across, material),
+            *self.panel(f"{name}.bottom", middle, bottom - strip, across, material),
+            *self.panel(f"{name}.left", middle - off, bottom, upright, material),
+            *self.panel(f"{name}.right", middle + off, bottom, upright, material),
         ]
 
 
-def _walls(bounds: FloatArray) -> list[_Wall]:
+def _walls(bounds: FloatArray, unit: float = 1.0) -> list[_Wall]:
     (x0, y0, z0), (x1, y1, z1) = bounds
     x, y = np.eye(3)[:2]
-    height = z1 - z0
     return [
-        _Wall("far", np.array([x1, y1, z0]), -y, -x, y1 - y0, height),
-        _Wall("near", np.array([x0, y0, z0]), y, x, y1 - y0, height),
-        _Wall("left", np.array([x0, y1, z0]), x, -y, x1 - x0, height),
-        _Wall("right", np.array([x1, y0, z0]), -x, y, x1 - x0, height),
+        _Wall("far", np.array([x1, y1, z0]), -y, -x, (y1 - y0) / unit, unit),
+        _Wall("near", np.array([x0, y0, z0]), y, x, (y1 - y0) / unit, unit),
+        _Wall("left", np.array([x0, y1, z0]), x, -y, (x1 - x0) / unit, unit),
+        _Wall("right", np.array([x1, y0, z0]), -x, y, (x1 - x0) / unit, unit),
     ]
 
 
@@ -118,18 +128,18 @@ def _shelves(
     wall: _Wall, name: str, middle: float, width: float, rng: np.random.Generator
 ) -> list[Surface]:
     things: list[Surface] = []
-    for i in range(4):
-        bottom = 0.3 + 0.42 * i
+    for i in range(3):
+        bottom = 0.3 + 0.5 * i
         things += wall.box(f"{name}.board{i}", middle, bottom, (width, 0.25, 0.03), wood(0.5))
         place = middle - 0.42 * width
-        while place < middle + 0.2 * width:
+        while place < middle + 0.1 * width:
             size = rng.uniform([0.08, 0.12, 0.12], [0.25, 0.2, 0.32])
             box_ = tuple(float(v) for v in size)
             grey = plain(float(rng.uniform(0.1, 0.7)), 0.05)
             things += wall.box(
                 f"{name}.box", place + 0.5 * size[0], bottom + 0.03 + _GAP, box_, grey  # type: ignore[arg-type]
             )
-            place += size[0] + float(rng.uniform(0.02, 0.3))
+            place += size[0] + float(rng.uniform(0.1, 0.4))
     return things
 
 
@@ -171,53 +181,67 @@ _THINGS: tuple[_Thing, ...] = (_cupboard, _table, _shelves, _door, _window, _boa
 
 
 def room(bounds: FloatArray, rng: np.random.Generator) -> Scene:
-    """A room with furniture no deeper than 0.7 m along its walls.
+    """A room with furniture along its walls, no deeper than a seventh of the room.
 
     Args:
         bounds: two opposite corners, (2, 3), m.
         rng: source of what stands where.
     """
     low, high = bounds
-    size = high - low
-    # Larger rooms have larger furniture, and coarser textures, as they are seen from further away.
-    texel = float(np.clip(0.0006 * max(size), 0.004, 0.012))
-    surfaces = shell(low, high, plain(0.6, 0.03), wood(0.35), plain(0.75), texel)
-    for wall in _walls(bounds):
-        order = list(rng.permutation(len(_THINGS)))
-        place, count = 0.9, 0
-        while place < wall.length - 1.6:
-            thing = _THINGS[order[count % len(_THINGS)]]
-            width = float(rng.uniform(1.0, 1.6))
-            surfaces += thing(wall, f"{thing.__name__[1:]}{count}", place + 0.5 * width, width, rng)
-            place += width + float(rng.uniform(0.3, 0.8))
-            count += 1
-        surfaces += wall.box("skirting", 0.5 * wall.length, _GAP, (wall.length - 0.2, 0.015, 0.08), plain(0.2), 0.02)
-    lamps = []
-    across = [np.linspace(low[i], high[i], max(2, round(size[i] / 4.0)) * 2 + 1)[1::2] for i in (0, 1)]
-    for x in across[0]:
-        for y in across[1]:
-            lamps.append(Lamp((float(x), float(y), float(high[2] - 0.1)), 0.9 * float(size[2] / 3.0) ** 2, 0.8))
-    return light(surfaces, lamps, 0.15, rng)
+    unit = float(max(1.0, min(high - low) / 3.0))
+    surfaces = shell(low, high, plain(0.6, 0.03), wood(0.35), plain(0.75), _TEXEL * unit)
+    for wall in _walls(bounds, unit):
+        order = rng.permutation(len(_THINGS))
+        kinds = [_THINGS[i] for i in order]
+        surfaces += _furnish(wall, kinds, (1.0, 1.6), (0.15, 0.5), 0.5, rng)
+    lamps = [
+        Lamp(
+            tuple((low + share * (high - low)).tolist()),  # type: ignore[arg-type]
+            strength * float(high[2] - low[2]) ** 2,
+            size=0.8,
+        )
+        for share, strength in (
+            (np.array([0.3, 0.3, 0.96]), 0.5),
+            (np.array([0.7, 0.3, 0.96]), 0.35),
+            (np.array([0.5, 0.75, 0.96]), 0.55),
+        )
+    ]
+    return light(surfaces, lamps, 0.2, rng)
 
 
 def corridor(rng: np.random.Generator) -> Scene:
     """Twenty metres of doors, notice boards, skirting and lamps."""
     bounds = np.array([[-2.0, -1.1, -1.45], [18.5, 1.1, 1.15]])
-    surfaces = shell(*bounds, plain(0.62, 0.03), wood(0.3), plain(0.75), texel=0.004)
-    lamps = []
+    surfaces = shell(*bounds, plain(0.62, 0.03), wood(0.3), plain(0.75), _TEXEL)
     for wall in _walls(bounds):
-        if wall.length < 5.0:
+        if wall.name in ("far", "near"):
             surfaces += _door(wall, "door", 0.5 * wall.length, 0.9, rng)
-            continue
-        place, count = float(rng.uniform(0.6, 1.4)), 0
-        surfaces += wall.box("skirting", 0.5 * wall.length, _GAP, (wall.length - 0.2, 0.015, 0.1), plain(0.2), 0.02)
-        while place < wall.length - 1.6:
-            thing = (_door, _board, _door, _window)[count % 4]
-            width = 0.9 if thing is _door else float(rng.uniform(1.0, 1.4))
-            surfaces += thing(wall, f"{thing.__name__[1:]}{count}", place + 0.5 * width, width, rng)
-            place += width + float(rng.uniform(0.6, 1.6))
-            count += 1
-    for i, x in enumerate(np.arange(-0.8, 18.0, 2.6)):
-        lamps.append(Lamp((float(x), 0.0, 1.0), 0.9, 0.6))
+        else:
+            kinds = [_door, _board, _door, _window]
+            surfaces += _furnish(wall, kinds, (0.9, 1.3), (0.6, 1.8), float(rng.uniform(0.6, 1.4)), rng)
+    lamps = []
+    for i, x in enumerate(np.arange(-0.8, 18.0, 3.2).tolist()):
+        lamps.append(Lamp((x, 0.0, 1.0), 1.1, 0.6))
         surfaces += box(f"lamp{i}", (x, 0.0, 1.12), (1.2, 0.2, 0.05), plain(1.0, 0.0))
     return light(surfaces, lamps, 0.2, rng)
+
+
+def _furnish(
+    wall: _Wall,
+    kinds: Sequence[_Thing],
+    widths: tuple[float, float],
+    gaps: tuple[float, float],
+    start: float,
+    rng: np.random.Generator,
+) -> list[Surface]:
+    """Skirting, and things in turn from `start` to the other end of a wall."""
+    length = wall.length - 0.2
+    things = wall.panel("skirting", 0.5 * wall.length, _GAP, (length, 0.09), plain(0.2))
+    place, count = start, 0
+    while place < wall.length - start - widths[1]:
+        thing, width = kinds[count % len(kinds)], float(rng.uniform(*widths))
+        name = f"{thing.__name__[1:]}{count}"
+        things += thing(wall, name, place + 0.5 * width, width, rng)
+        place += width + float(rng.uniform(*gaps))
+        count += 1
+    return things

@@ -20,9 +20,9 @@ FREE = -1
 # Points this close to a plane lie on it, m.
 _ON = 1e-6
 # How many planes to try before choosing one to cut by.
-_TRIED = 24
+_TRIED = 12
 # Large surfaces are cut into pieces of about this size, m, each small enough for one resolution.
-_PIECE = 1.5
+_PIECE = 2.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,8 +30,11 @@ _NEAR = 0.02
 _OVERLAP = 1.0
 # The pieces of a cut surface overlap by this, px: in float32 the cut could stay open.
 _SEAM = 0.02
-# Steps along an edge that distortion bends.
-_BENDS = np.linspace(0.0, 1.0, 8, endpoint=False)[:, None]
+# How far outside its outline a surface may touch a pixel, px; with room for the bulge that
+# distortion gives an edge between two points of the rim below.
+_MARGIN = 1.5
+# Points around the border of the unit square.
+_RIM = np.array([[x, y] for x in np.linspace(0, 1, 7) for y in np.linspace(0, 1, 7) if {x, y} & {0, 1}])
 
 
 class _View(NamedTuple):
@@ -44,8 +47,16 @@ class _View(NamedTuple):
     y: Image
     scale: Image
     """Pixels in one normalised unit."""
-    bounds: tuple[FloatArray, FloatArray]
-    """Smallest and largest (x, y)."""
+
+
+class _Boxes(NamedTuple):
+    """Bounding boxes of n fragments, clipped to the image."""
+
+    low: FloatArray
+    """Smallest and largest normalised coordinates, (n, 2) each."""
+    high: FloatArray
+    pixels: NDArray[np.int64]
+    """First row, row behind the last, first column, column behind the last, (n, 4)."""
 
 
 class Renderer:
@@ -63,10 +74,15 @@ class Renderer:
         self._normals = np.array([surface.normal for surface in scene.surfaces])
         self._order = PaintersOrder(scene.surfaces)
         fragments = self._order.fragments
-        self._vertices = np.concatenate([fragment.vertices for fragment in fragments])
-        self._ends = np.cumsum([len(fragment.vertices) for fragment in fragments])
-        self._starts = np.concatenate([[0], self._ends[:-1]])
         self._surface_of = np.array([fragment.surface for fragment in fragments])
+        self._vertices = np.concatenate([fragment.vertices for fragment in fragments])
+        stops = np.cumsum([len(fragment.vertices) for fragment in fragments])
+        self._starts = np.concatenate([[0], stops[:-1]])
+        self._spans = [slice(*span) for span in zip(self._starts, stops, strict=True)]
+        self._fragment_of = np.repeat(np.arange(len(fragments)), np.diff([0, *stops]))
+        # The vertex after each.
+        self._next = np.arange(1, len(self._vertices) + 1)
+        self._next[stops - 1] = self._starts
         self._prepare_rays()
 
     def _prepare_rays(self) -> None:
@@ -79,167 +95,173 @@ class Renderer:
         else:
             rays = camera.undistort(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
             if not np.all(np.isfinite(rays)):
-                raise RuledgraphError("the camera's distortion folds over inside the image")
+                raise RuledgraphError("the camera's distortion has no inverse in all of the image")
             shape = camera.height, camera.width
             self._x, self._y = rays.T.reshape(2, *shape).astype(np.float32)
             area = np.linalg.det(camera.distort(rays).jacobian)
             self._scale = np.sqrt(area).reshape(shape).astype(np.float32)
-        # The field of view has a margin for surfaces that cover part of a border pixel.
-        margin = 2.0 / camera.focal_length
-        left, right = float(self._x.min()) - margin, float(self._x.max()) + margin
-        top, bottom = float(self._y.min()) - margin, float(self._y.max()) + margin
-        # Inward normals of the planes that bound it; a point is inside when n . P > offset.
-        self._field = np.array(
+        self._field = np.array([[a.min(), a.max()] for a in (self._x, self._y)]).T.astype(float)
+        # Inward normals of the planes that bound the field of view, with a margin for surfaces
+        # that cover part of a border pixel.
+        margin = _MARGIN / camera.focal_length
+        (left, top), (right, bottom) = self._field + [[-margin], [margin]]
+        self._field_planes = np.array(
             [[0, 0, 1], [1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]], dtype=float
         )
-        self._field_offset = np.array([_NEAR, 0.0, 0.0, 0.0, 0.0])
 
     def render(self, world_T_cam: gtsam.Pose3) -> Image:
         """Brightness of every pixel, 0 to 255, (height, width)."""
         eye, world_R_cam = world_T_cam.translation(), world_T_cam.rotation().matrix()
-        canvas = np.zeros((self._camera.height, self._camera.width), dtype=np.float32)
         in_cam = (self._vertices - eye) @ world_R_cam
-        inside = in_cam @ self._field.T - self._field_offset
-        faces_eye = np.sum((eye - self._corners) * self._normals, axis=1) > _NEAR * 1e-3
-        in_field = np.all(np.maximum.reduceat(inside, self._starts) > 0.0, axis=1)
-        visible = in_field & faces_eye[self._surface_of]
-        cut_by_field = np.any(np.minimum.reduceat(inside, self._starts) < 0.0, axis=1)
+        following = in_cam[self._next]
+        inside = in_cam @ self._field_planes.T - [_NEAR, 0.0, 0.0, 0.0, 0.0]
+        faces_eye = np.sum((eye - self._corners) * self._normals, axis=1) > 1e-6
+        visible = np.all(np.maximum.reduceat(inside, self._starts) > 0.0, axis=1)
+        visible &= faces_eye[self._surface_of]
+        boxes = self._boxes(in_cam)
+        visible &= (boxes.pixels[:, 0] < boxes.pixels[:, 1]) & (
+            boxes.pixels[:, 2] < boxes.pixels[:, 3]
+        )
+
+        # A point of a surface is corner + s right + t down = eye + depth * ray, so (s, t, 1) is
+        # proportional to the inverse of [right, down, corner - eye] times the ray.
+        columns = np.concatenate([self._sides, (self._corners - eye)[:, None]], axis=1)
+        columns[~faces_eye] = np.eye(3)
+        maps = np.linalg.inv(columns.transpose(0, 2, 1)) @ world_R_cam
+        # The plane through the eye and an edge tells the two sides of its image apart, even where
+        # the edge reaches behind the camera. Vertices are clockwise, hence inside is positive.
+        planes = np.cross(in_cam, in_cam[self._next])
+        planes /= np.linalg.norm(planes[:, :2], axis=1, keepdims=True) + 1e-12
+        partial = self._partial(planes, boxes)
+        planes = planes.astype(np.float32)
+
+        canvas = np.zeros((self._camera.height, self._camera.width), dtype=np.float32)
         painted = ~faces_eye
         for index in self._order.seen_from(eye):
-            surface = int(self._surface_of[index])
             if not visible[index]:
                 continue
-            polygon = in_cam[self._starts[index] : self._ends[index]]
-            seen = self._clip(polygon) if cut_by_field[index] else polygon
-            view = self._view(seen) if len(seen) else None
-            if view is not None:
-                edges = self._order.fragments[index].edges
-                cover = _coverage(view, polygon, edges, painted)
-                pixels = self._sample(view, seen.mean(axis=0), surface, eye, world_R_cam)
-                part = canvas[view.rows, view.columns]
-                if cover is None:
-                    part[...] = pixels
-                else:
-                    part += cover * (pixels - part)
+            surface, span = int(self._surface_of[index]), self._spans[index]
+            view = self._view(boxes.pixels[index].tolist())
+            ray = (*(0.5 * (boxes.low[index] + boxes.high[index])).tolist(), 1.0)
+            pixels = _sample(self._textures[surface], view, maps[surface], ray)
+            edges = self._order.fragments[index].edges
+            cover = None
+            for vertex, edge in zip(range(span.start, span.stop), edges, strict=True):
+                if partial[vertex]:
+                    kept = _inside(planes[vertex], view, edge, bool(painted[edge]))
+                    cover = kept if cover is None else np.minimum(cover, kept, out=cover)
+            part = canvas[view.rows, view.columns]
+            if cover is None:
+                part[...] = pixels
+            else:
+                part += cover * (pixels - part)
             painted[surface] = True
         return canvas
 
-    def _clip(self, polygon: FloatArray) -> FloatArray:
-        """The part of a polygon (k, 3) in the field of view; Sutherland and Hodgman."""
-        for normal, offset in zip(self._field, self._field_offset, strict=True):
-            height = polygon @ normal - offset
-            if height.min() >= 0.0:
-                continue
-            following, next_height = np.roll(polygon, -1, axis=0), np.roll(height, -1)
-            clipped = []
-            for i in range(len(polygon)):
-                if height[i] >= 0.0:
-                    clipped.append(polygon[i])
-                if (height[i] >= 0.0) != (next_height[i] >= 0.0):
-                    share = height[i] / (height[i] - next_height[i])
-                    clipped.append(polygon[i] + share * (following[i] - polygon[i]))
-            polygon = np.array(clipped).reshape(-1, 3)
-            if not clipped:
-                break
-        return polygon
-
-    def _view(self, polygon: FloatArray) -> _View | None:
-        """The pixels around a polygon in front of the camera, None when there are none."""
+    def _boxes(self, in_cam: FloatArray) -> _Boxes:
+        """Bounding boxes of all fragments, from their vertices in the camera frame."""
         camera = self._camera
-        normalised = polygon[:, :2] / polygon[:, 2:]
-        bent = camera.distortion != "none"
-        if bent:
-            following = np.roll(normalised, -1, axis=0)
-            steps = _BENDS[:, None] * (following - normalised)
-            normalised = (normalised + steps.reshape(-1, *normalised.shape)).reshape(-1, 2)
-        pixels = camera.distort(normalised).pixels
-        # A bent edge bulges between its steps, and a border pixel lies up to one pixel outside.
-        margin = 2.0 if bent else 1.0
-        c0, r0 = (int(x) for x in np.maximum(np.ceil(pixels.min(axis=0) - margin), 0.0))
-        c1, r1 = (
-            int(x)
-            for x in np.minimum(
-                np.floor(pixels.max(axis=0) + margin) + 1.0, (camera.width, camera.height)
-            )
-        )
-        if c0 >= c1 or r0 >= r1:
-            return None
-        rows, columns = slice(r0, r1), slice(c0, c1)
-        if bent:
-            x, y, scale = (a[rows, columns] for a in (self._x, self._y, self._scale))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            normalised = in_cam[:, :2] / in_cam[:, 2:]
+        low = np.minimum.reduceat(normalised, self._starts)
+        high = np.maximum.reduceat(normalised, self._starts)
+        behind = in_cam[:, 2] < _NEAR
+        for index in np.flatnonzero(np.logical_or.reduceat(behind, self._starts)):
+            in_front = _in_front(in_cam[self._spans[index]])
+            rays = in_front[:, :2] / in_front[:, 2:] if len(in_front) else np.zeros((1, 2))
+            low[index], high[index] = rays.min(axis=0), rays.max(axis=0)
+        low, high = np.clip(low, *self._field), np.clip(high, *self._field)
+        if camera.distortion == "none":
+            focal, centre = (camera.fx, camera.fy), (camera.cx, camera.cy)
+            first, last = low * focal + centre, high * focal + centre
         else:
-            x, y, scale = self._x[:, columns], self._y[rows], self._scale
-        return _View(rows, columns, x, y, scale, (_smallest(x, y), -_smallest(-x, -y)))
+            rim = low[:, None] + _RIM * (high - low)[:, None]
+            pixels = camera.distort(rim.reshape(-1, 2)).pixels.reshape(rim.shape)
+            first, last = pixels.min(axis=1), pixels.max(axis=1)
+        size = (camera.width, camera.height)
+        start = np.maximum(np.ceil(first - _MARGIN), 0.0).astype(int)
+        stop = np.minimum(np.floor(last + _MARGIN) + 1.0, size).astype(int)
+        edges = [start[:, 1], stop[:, 1], start[:, 0], stop[:, 0]]
+        return _Boxes(low, high, np.stack(edges, axis=1))
 
-    def _sample(
-        self, view: _View, middle: FloatArray, surface: int, eye: FloatArray, world_R_cam: FloatArray
-    ) -> Texture:
-        """The surface's texture at every pixel of the view."""
-        # A point of the plane is corner + s right + t down = eye + depth * ray, so that (s, t, 1) is
-        # proportional to the inverse of [right, down, corner - eye] times the ray.
-        right, down = self._sides[surface]
-        to_plane = np.linalg.inv(np.stack([right, down, self._corners[surface] - eye], axis=1))
-        H = to_plane @ world_R_cam
-        pyramid = self._textures[surface]
-        # Derivative of (s, t) by the normalised coordinates, at the middle.
-        x, y = middle[:2] / middle[2]
-        s, t, w = H @ [x, y, 1.0]
-        slope = (H[:2, :2] - np.outer([s / w, t / w], H[2, :2])) / w
-        texture = pyramid.level(np.linalg.norm(slope, axis=1) / float(view.scale.flat[0]))
-        rows, columns = texture.shape
-        # Texture pixel (0, 0) has its centre half a pixel inside the corner.
-        H[0] = columns * H[0] - 0.5 * H[2]
-        H[1] = rows * H[1] - 0.5 * H[2]
-        h = H.astype(np.float32)
-        depth = np.maximum(_linear(h[2], view), np.float32(1e-6))
-        column, row = _linear(h[0], view) / depth, _linear(h[1], view) / depth
-        sampled = cv2.remap(texture, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(sampled)
+    def _partial(self, planes: FloatArray, boxes: _Boxes) -> NDArray[np.bool_]:
+        """For every edge: whether it leaves any pixel of its fragment's box less than full."""
+        margin = (_MARGIN + 1.0) / self._camera.focal_length
+        corner = np.where(
+            planes[:, :2] > 0.0,
+            (boxes.low - margin)[self._fragment_of],
+            (boxes.high + margin)[self._fragment_of],
+        )
+        least = np.sum(planes[:, :2] * corner, axis=1) + planes[:, 2]
+        return np.asarray(least * float(self._scale.min()) < 0.5)
+
+    def _view(self, pixels: list[int]) -> _View:
+        rows, columns = slice(*pixels[:2]), slice(*pixels[2:])
+        if self._camera.distortion == "none":
+            return _View(rows, columns, self._x[:, columns], self._y[rows], self._scale)
+        part = rows, columns
+        return _View(*part, self._x[part], self._y[part], self._scale[part])
 
 
-def _smallest(x: Image, y: Image) -> FloatArray:
-    """Smallest (x, y): on the border of the view, where distortion is monotonous."""
-    return np.array(
-        [min(x[:, 0].min(), x[:, -1].min(), x[0].min(), x[-1].min()),
-         min(y[0].min(), y[-1].min(), y[:, 0].min(), y[:, -1].min())]
-    )  # fmt: skip
+def _in_front(polygon: FloatArray) -> FloatArray:
+    """The part of a polygon (k, 3) in front of the camera."""
+    kept = []
+    for start, stop in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        if start[2] >= _NEAR:
+            kept.append(start)
+        if (start[2] >= _NEAR) != (stop[2] >= _NEAR):
+            kept.append(start + (_NEAR - start[2]) / (stop[2] - start[2]) * (stop - start))
+    return np.array(kept)
 
 
 def _linear(h: NDArray[np.float32], view: _View) -> Image:
     return np.asarray(h[0] * view.x + (h[1] * view.y + h[2]))
 
 
-def _coverage(
-    view: _View, polygon: FloatArray, edges: tuple[int, ...], painted: NDArray[np.bool_]
-) -> Image | None:
-    """Share of each pixel that the polygon (k, 3) covers, None for all of all.
+def _sample(
+    pyramid: "_Pyramid", view: _View, H: FloatArray, middle: tuple[float, float, float]
+) -> Texture:
+    """A texture at every pixel of the view.
 
-    The plane through the eye and an edge tells the two sides of the edge apart, also where the edge
-    reaches behind the camera.
+    Args:
+        pyramid: the texture.
+        view: the pixels.
+        H: maps rays (x, y, 1) to (s, t, 1), each 0 to 1 across the texture.
+        middle: the ray to choose the texture's resolution at.
     """
-    planes = np.cross(polygon, np.roll(polygon, -1, axis=0))
-    planes /= np.linalg.norm(planes[:, :2], axis=1, keepdims=True) + 1e-12
-    if planes[0] @ polygon.mean(axis=0) < 0.0:
-        planes = -planes
-    low, high = view.bounds
-    scale = float(view.scale.min())
-    cover: Image | None = None
-    for plane, edge in zip(planes, edges, strict=True):
-        if edge == CUT:
-            reach = _SEAM
-        elif edge == FREE or painted[edge]:
-            reach = 0.0
-        else:
-            reach = _OVERLAP
-        least = np.minimum(plane[:2] * low, plane[:2] * high).sum() + plane[2]
-        if least * scale + reach > 0.5:
-            continue
-        distance = _linear(plane.astype(np.float32), view) * view.scale
-        distance += np.float32(0.5 + reach)
-        if edge == CUT or reach:
-            distance = np.asarray(distance >= 0.5, dtype=np.float32)
-        cover = distance if cover is None else np.minimum(cover, distance, out=cover)
-    return None if cover is None else np.clip(cover, 0.0, 1.0, out=cover)
+    s, t, w = (H @ middle).tolist()
+    # Derivative of (s, t) by the normalised coordinates.
+    slope = (H[:2, :2] - np.array([[s], [t]]) / w * H[2, :2]) / w
+    texture = pyramid.level(np.hypot(slope[:, 0], slope[:, 1]) / float(view.scale[0, 0]))
+    rows, columns = texture.shape
+    # Texture pixel (0, 0) has its centre half a pixel inside the corner.
+    to_pixel = np.array([[columns, 0.0, -0.5], [0.0, rows, -0.5], [0.0, 0.0, 1.0]])
+    h = (to_pixel @ H).astype(np.float32)
+    depth = np.maximum(_linear(h[2], view), np.float32(1e-6))
+    column, row = _linear(h[0], view), _linear(h[1], view)
+    column /= depth
+    row /= depth
+    sampled = cv2.remap(texture, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(sampled)
+
+
+def _inside(plane: NDArray[np.float32], view: _View, edge: int, is_painted: bool) -> Image:
+    """Share of each pixel on the inner side of an edge.
+
+    Args:
+        plane: distance from the edge when applied to (x, y, 1), positive inside.
+        view: the pixels.
+        edge: what is beyond, see `Fragment`.
+        is_painted: the surface beyond is painted already, or faces away.
+    """
+    distance = _linear(plane, view)
+    distance *= view.scale
+    if edge == CUT:
+        return np.asarray(distance >= -_SEAM, dtype=np.float32)
+    if edge == FREE or is_painted:
+        distance += np.float32(0.5)
+        return np.clip(distance, 0.0, 1.0, out=distance)
+    return np.asarray(distance >= -_OVERLAP, dtype=np.float32)
 
 
 class _Pyramid:

@@ -31,6 +31,8 @@ class Surface:
     material: Material
     is_shell: bool = False
     """Part of the convex room around everything else."""
+    casts_shadow: bool = False
+    """Thin things on a wall need not."""
     texel: float = 0.003
     """Size of a texture pixel, m; about that of an image pixel seen from nearby."""
 
@@ -125,6 +127,7 @@ def box(
                     right * extent[k],
                     down * extent[j],
                     material,
+                    casts_shadow=True,
                     texel=texel,
                 )
             )

@@ -31,8 +31,9 @@ D435I = Calibration(
 
 # Deviations of the IMU's bias when it is switched on: m/s^2 and rad/s.
 _BIAS_SIGMAS = np.repeat([0.08, 0.004], 3)
-# A frame is rendered so often that the image moves less than this between two times, px.
-_BLUR_STEP = 1.0
+# A frame is rendered so often that most of the image moves less than this from one time to the
+# next, px.
+_BLUR_STEP = 1.5
 _MOST_EXPOSURES = 16
 _EPOCH = 1_700_000_000_000_000_000
 
@@ -176,7 +177,7 @@ class _Camera:
         in_view = np.all(np.abs(rays[0]) < 1.0, axis=1)
         if not in_view.any():
             return 1
-        moved = np.linalg.norm(rays[1][in_view] - rays[0][in_view], axis=1).max()
+        moved = np.quantile(np.linalg.norm(rays[1][in_view] - rays[0][in_view], axis=1), 0.9)
         pixels = float(moved) * self._camera.focal_length
         return int(np.clip(np.ceil(pixels / _BLUR_STEP), 1, _MOST_EXPOSURES))
 
