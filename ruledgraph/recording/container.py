@@ -52,3 +52,8 @@ def merge_topics(topics: Collection[Topic]) -> list[Topic]:
     for topic in topics:
         merged[topic[:3]] = merged.get(topic[:3], 0) + topic.message_count
     return [Topic(*key, count) for key, count in sorted(merged.items())]
+
+
+def first_of(damage: dict[str, int]) -> str:
+    """The first damage, to append to a message that it may explain."""
+    return f"; {next(iter(damage))}" if damage else ""

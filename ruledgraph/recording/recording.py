@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ruledgraph.measurements import Measurement
-from ruledgraph.recording.container import Container, Kind, Topic
+from ruledgraph.recording.container import Container, Kind, Topic, first_of
 from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.formats import open_container
 from ruledgraph.recording.images import decode_image
@@ -50,13 +50,12 @@ def open_recording(
             several and none is chosen.
     """
     container = open_container(Path(path))
-    return Recording(
-        container,
-        choose_image_topic(container.topics, image_topic),
-        choose_imu_topics(container.topics, imu_topic, gyroscope_topic, accelerometer_topic),
-        start,
-        duration,
-    )
+    try:
+        camera = choose_image_topic(container.topics, image_topic)
+        imu = choose_imu_topics(container.topics, imu_topic, gyroscope_topic, accelerometer_topic)
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}{first_of(container.damage)}") from None
+    return Recording(container, camera, imu, start, duration)
 
 
 class Recording:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ruledgraph.measurements import Frame, Gap, ImuSample
 
+_MOST_DAMAGE_LINES = 5
 # Fewer samples say little about units.
 _ENOUGH_SAMPLES = 100
 # m/s^2; specific force averages to about gravity over any motion but a fall.
@@ -78,7 +79,9 @@ class Report:
     @property
     def warnings(self) -> list[str]:
         """One line for each thing that is not as it should be."""
-        lines = list(self.damage)
+        lines = list(self.damage)[:_MOST_DAMAGE_LINES]
+        if len(self.damage) > len(lines):
+            lines.append(f"{len(self.damage) - len(lines)} more places are damaged")
         lines += [
             f"{n} {_plural('frame', n)} skipped: {why}" for why, n in self.skipped_frames.items()
         ]

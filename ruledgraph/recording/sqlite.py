@@ -46,7 +46,7 @@ class SqliteFile:
                     for number, *_ in self._rows(database, topics):
                         counts[number] += 1
         except (sqlite3.Error, UnicodeDecodeError) as error:
-            raise RecordingError(f"{path} cannot be read as a ROS 2 bag: {error}") from None
+            raise RecordingError(f"{path.name} is no readable ROS 2 bag: {error}") from None
         self._topics = topics
         self.topics = merge_topics(
             [t._replace(message_count=counts.get(i, 0)) for i, t in topics.items()]
@@ -119,7 +119,7 @@ def _read_header(path: Path) -> tuple[int, int]:
     with path.open("rb") as file:
         header = file.read(32)
     if len(header) < 32:
-        raise RecordingError(f"{path} ends after {len(header)} bytes, in its header")
+        raise RecordingError(f"{path.name} ends after {len(header)} bytes, in its header")
     page = int.from_bytes(header[16:18], "big")
     page = 65536 if page == 1 else page
     pages = int.from_bytes(header[28:32], "big")

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ruledgraph.measurements import Frame, ImuSample, Measurement
-from ruledgraph.recording.container import Container, RawMessage, Topic
+from ruledgraph.recording.container import Container, RawMessage, Topic, first_of
 from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.images import Grey
 from ruledgraph.recording.inertial import (
@@ -137,7 +137,9 @@ class _Pass:
             RecordingError: saying why.
         """
         camera, imu = self._ranges.get(True), self._ranges.get(False)
-        if camera and imu and (camera[1] < imu[0] or imu[1] < camera[0]):
+        # With a duration reading stopped early: the other one may only have been about to begin.
+        shortest = (self._source.duration or 0.0) * 1e9
+        if camera and imu and max(imu[0] - camera[1], camera[0] - imu[1]) > shortest:
             raise RecordingError(
                 f"the stamps do not overlap: camera {_seconds(camera)}, IMU {_seconds(imu)}"
             )
@@ -156,7 +158,7 @@ class _Pass:
                 raise RecordingError(
                     f"no {what} in the chosen stretch of time; the recording lasts {length:.2f} s"
                 )
-            raise RecordingError(f"no {what} could be read")
+            raise RecordingError(f"no {what} could be read{first_of(self._report.damage)}")
 
     def _check_size(self, image: Grey) -> None:
         if self._size is None:
