@@ -97,8 +97,8 @@ class McapFile(ChunkedFile):
     def _note_index(chunk: Block, data: bytes) -> None:
         if len(data) < 6 or (len(data) - 6) % 16:
             raise DamagedError
-        times = np.frombuffer(data, "<u8", offset=6)[::2]
-        if times.size:
+        if len(data) > 6:
+            times = np.frombuffer(data, "<u8", offset=6)[::2]
             chunk.counts[int.from_bytes(data[:2], "little")] += times.size
             chunk.start = min(chunk.start, int(times.min()))
 

@@ -20,6 +20,8 @@ class Stamped(NamedTuple):
     """A message with the stamp of its header, ns."""
 
     stamp: int
+    camera: bool
+    """Whether it holds an image, not IMU samples."""
     topic: Topic
     message: RawMessage
 
@@ -32,7 +34,8 @@ def in_stamp_order(
     """Sort messages by stamp, in a buffer `REORDER_BOUND` long.
 
     A single stamp that jumps ahead, one flipped bit is enough, must not make everything after it
-    late. So the newest message of each topic is held back until a later stamp confirms it.
+    late. So the newest message of each topic is held back until a later stamp confirms it. Of equal
+    stamps the IMU's come before the camera's.
 
     Args:
         messages: in the order of reception.
@@ -41,7 +44,7 @@ def in_stamp_order(
     """
     held: dict[str, Stamped] = {}
     newest: dict[str, int] = {}  # the latest confirmed stamp of each topic
-    heap: list[tuple[int, int, Stamped]] = []
+    heap: list[tuple[int, bool, int, Stamped]] = []
     tie = itertools.count()
     released = 0
 
@@ -53,7 +56,7 @@ def in_stamp_order(
         if message.stamp < newest.get(name, 0):
             reordered()
         newest[name] = max(message.stamp, newest.get(name, 0))
-        heapq.heappush(heap, (message.stamp, next(tie), message))
+        heapq.heappush(heap, (message.stamp, message.camera, next(tie), message))
 
     for message in messages:
         name = message.topic.name
@@ -74,7 +77,7 @@ def in_stamp_order(
         for other in [m for m in held.values() if m.stamp <= clock]:
             confirm(held.pop(other.topic.name))
         while heap and heap[0][0] <= clock - REORDER_BOUND:
-            released, _, ready = heapq.heappop(heap)
+            released, _, _, ready = heapq.heappop(heap)
             yield ready
     for name, message in held.items():
         if message.stamp > newest.get(name, message.stamp) + REORDER_BOUND:
@@ -82,4 +85,4 @@ def in_stamp_order(
         else:
             confirm(message)
     while heap:
-        yield heapq.heappop(heap)[2]
+        yield heapq.heappop(heap)[3]

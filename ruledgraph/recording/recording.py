@@ -3,7 +3,9 @@
 """A recording as a stream of frames and IMU samples."""
 
 import math
+import sqlite3
 from collections.abc import Iterator
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -112,9 +114,10 @@ class Recording:
             RecordingError: for a topic that is not there, or not of a standard type.
         """
         chosen = find_topic(self.topics, topic)
-        for raw in self._container.messages([chosen.name]):
-            try:
+        try:
+            for raw in self._container.messages([chosen.name]):
                 if isinstance(raw.data, bytes):
-                    yield stamp_of(chosen, raw), deserialise(chosen, raw.data)
-            except UnreadableMessageError:  # noqa: PERF203
-                continue
+                    with suppress(UnreadableMessageError):
+                        yield stamp_of(chosen, raw), deserialise(chosen, raw.data)
+        except (OSError, sqlite3.Error) as error:
+            raise RecordingError(f"the recording can no longer be read: {error}") from None

@@ -20,7 +20,7 @@ from ruledgraph.recording.container import Kind
 from ruledgraph.recording.errors import RecordingError
 
 MAGIC = b"#ROSBAG V2.0\n"
-_MESSAGE, _BAG, _INDEX, _CHUNK, _CONNECTION = 2, 3, 4, 5, 7
+_MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
 # Bytes; headers hold a few numbers or a topic's name.
 _LONGEST_HEADER = 2**16
 
@@ -62,12 +62,9 @@ class Rosbag1(ChunkedFile):
                 elif head.end > size:
                     raise DamagedError
                 elif head.op == _INDEX and chunk is not None:
-                    times = np.frombuffer(file.read(head.end - head.data), "<u4")
-                    if times.size % 3 or not times.size:
-                        raise DamagedError
-                    ns = times[0::3].astype(np.int64) * 10**9 + times[1::3]
-                    chunk.start = min(chunk.start, int(ns.min()))
-                    chunk.counts[_number(head.fields, b"conn", "<I")] += ns.size
+                    self._note_index(chunk, head, file.read(head.end - head.data))
+                elif head.op == _CHUNK_INFO:
+                    promised = size  # this is the index: nothing is missing before it
                 elif head.op == _CONNECTION:
                     self._note_connection(head, file.read(head.end - head.data))
                 elif head.op == _MESSAGE:
@@ -98,6 +95,17 @@ class Rosbag1(ChunkedFile):
             else:
                 raise DamagedError(f"a record of type {head.op} has no place in it")
             position = head.end
+
+    @staticmethod
+    def _note_index(chunk: Block, head: _Head, data: bytes) -> None:
+        if len(data) % 12:
+            raise DamagedError
+        # Seconds, nanoseconds, and where in the chunk.
+        entries = np.frombuffer(data, "<u4").reshape(-1, 3).astype(np.int64)
+        if len(entries):
+            times = entries[:, 0] * 10**9 + entries[:, 1]
+            chunk.start = min(chunk.start, int(times.min()))
+            chunk.counts[_number(head.fields, b"conn", "<I")] += len(times)
 
     def _note_connection(self, head: _Head, data: bytes) -> None:
         number = _number(head.fields, b"conn", "<I")

@@ -63,7 +63,8 @@ class _Pass:
         self._decode = decode
         self._report = report
         self._size: tuple[int, ...] | None = None
-        self._bad_frames = 0
+        self._bad_frames = 0  # before the first good one
+        self._odd_frames = 0  # of another size, one after the other
         self._ranges: dict[bool, tuple[int, int]] = {}  # of all stamps; True for the camera
         self._topics = {
             topic.name: topic for topic in (source.image_topic, *(source.imu_topics or ())) if topic
@@ -73,15 +74,15 @@ class _Pass:
         """Messages with their stamps, in the order of reception."""
         for message in self._source.container.messages(self._topics):
             topic = self._topics[message.topic]
+            camera = topic is self._source.image_topic
             try:
                 stamp = stamp_of(topic, message)
             except UnreadableMessageError as error:
-                self.drop(Stamped(0, topic, message), str(error))
+                self.drop(Stamped(0, camera, topic, message), str(error))
                 continue
-            camera = topic is self._source.image_topic
             first, last = self._ranges.get(camera, (stamp, stamp))
             self._ranges[camera] = min(first, stamp), max(last, stamp)
-            yield Stamped(stamp, topic, message)
+            yield Stamped(stamp, camera, topic, message)
 
     def cropped(self, messages: Iterable[Stamped]) -> Iterator[Stamped]:
         """The messages between start and start + duration."""
@@ -105,7 +106,7 @@ class _Pass:
 
     def _decoded(self, stamped: Stamped) -> Part | None:
         try:
-            if stamped.topic is not self._source.image_topic:
+            if not stamped.camera:
                 return self._inertial(stamped)
             image = self._decode(stamped.topic, stamped.message)
             self._check_size(image)
@@ -116,7 +117,7 @@ class _Pass:
 
     def drop(self, stamped: Stamped, why: str) -> None:
         """Count a message that is left out."""
-        if stamped.topic is not self._source.image_topic:
+        if not stamped.camera:
             self._report.skipped_imu[why] += 1
             return
         self._report.skipped_frames[why] += 1
@@ -164,16 +165,17 @@ class _Pass:
         if self._size is None:
             self._size = image.shape
         if image.shape == self._size:
-            self._bad_frames = 0
+            self._odd_frames = 0
             return
+        self._odd_frames += 1
         height, width = self._size
         why = f"it is {image.shape[1]}x{image.shape[0]}, not {width}x{height} like those before"
-        if self._bad_frames + 1 >= _MOST_BAD_FRAMES:
+        if self._odd_frames >= _MOST_BAD_FRAMES:
             raise RecordingError(f"the frames change their size: one after the other, {why}")
         raise UnreadableMessageError(why)
 
     def _inertial(self, stamped: Stamped) -> Part:
-        _, topic, message = stamped
+        _, _, topic, message = stamped
         if not isinstance(message.data, bytes) or self._source.imu_topics is None:
             raise UnreadableMessageError("it is no IMU message")
         gyroscope, accelerometer = inertial_vectors(topic, message.data)

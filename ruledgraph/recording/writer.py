@@ -17,6 +17,9 @@ from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.sinks import AslSink, BagSink, GroundTruthPose
 from ruledgraph.sensors import Calibration
 
+# rosbags hands the path to sqlite3 as a URI, as it is.
+_UNSAFE = frozenset("?#%")
+
 
 def write_recording(
     measurements: Iterable[Measurement],
@@ -45,6 +48,10 @@ def write_recording(
     """
     if out.exists() or out.is_symlink():
         raise RecordingError(f"{out} exists already; remove it or choose another name")
+    if kind == "rosbag2" and not _UNSAFE.isdisjoint(str(out.absolute())):
+        raise RecordingError(
+            f"{out}: sqlite3 bags cannot be written to paths with any of ?, # and %"
+        )
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         # Written beside and moved at the end: what bears the name is always whole.

@@ -136,3 +136,21 @@ def test_numbers_that_need_every_digit(tmp_path: Path) -> None:
     measurements[101:101] = [Frame(T0 + 201, texture(0))]  # type: ignore[list-item]
     write_recording(measurements, tmp_path / "a", "asl")
     assert_same(list(open_recording(tmp_path / "a").stream()), measurements)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_of_equal_stamps_the_imu_comes_first(kind: Kind, tmp_path: Path) -> None:
+    samples = [m for m in sequence() if isinstance(m, ImuSample)]
+    frames = [Frame(m.stamp, texture(i)) for i, m in enumerate(samples) if i % 10 == 3]
+    expected = sorted([*samples, *frames], key=lambda m: (m.stamp, isinstance(m, Frame)))
+    write_recording(sorted([*frames, *samples], key=lambda m: m.stamp), tmp_path / "a", kind)
+    assert_same(list(open_recording(tmp_path / "a").stream()), expected)
+
+
+def test_paths_that_sqlite_would_read_otherwise(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="cannot be written to paths with any of"):
+        write_recording(sequence(), tmp_path / "run#3", "rosbag2")
+    assert list(tmp_path.iterdir()) == []
+    for kind in ("rosbag1", "mcap", "asl"):
+        write_recording(sequence(), tmp_path / f"run #3 50% {kind}?", kind)
+        assert_same(list(open_recording(tmp_path / f"run #3 50% {kind}?").stream()), sequence())
