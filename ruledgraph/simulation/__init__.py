@@ -3,7 +3,8 @@
 """Simulated recordings with exact ground truth: `simulate` is the way in."""
 
 from ruledgraph.simulation.exposure import PERFECT, ImageQuality
-from ruledgraph.simulation.imu import SimulatedImu, simulate_imu
+from ruledgraph.simulation.imu import RecordedImu, SimulatedImu, simulate_imu
+from ruledgraph.simulation.measured import MeasuredMotion
 from ruledgraph.simulation.motion import Motion, SplineMotion
 from ruledgraph.simulation.motions import MOTIONS, make_motion
 from ruledgraph.simulation.scene import Scene
@@ -16,7 +17,9 @@ __all__ = [
     "PERFECT",
     "SCENES",
     "ImageQuality",
+    "MeasuredMotion",
     "Motion",
+    "RecordedImu",
     "Scene",
     "SimulatedImu",
     "Simulation",

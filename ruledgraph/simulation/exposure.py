@@ -4,12 +4,12 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ruledgraph.errors import RuledgraphError
 from ruledgraph.sensors import CameraModel
-from ruledgraph.simulation.motion import FloatArray
 
 Image = NDArray[np.float32]
 
@@ -24,6 +24,8 @@ class ImageQuality:
 
     exposure: float = 0.005
     """s; a moving image is blurred over it. Stamps are of its middle."""
+    lens_blur: float = 0.5
+    """Deviation of the lens's point spread, px."""
     gain: float = 1.1
     """Of the image by the brightness of the scene."""
     photon_noise: float = 0.03
@@ -49,6 +51,7 @@ class ImageQuality:
 
 PERFECT = ImageQuality(
     exposure=0.0,
+    lens_blur=0.0,
     photon_noise=0.0,
     read_noise=0.0,
     vignetting=0.0,
@@ -90,6 +93,8 @@ class Sensor:
             time: s, which decides its gain.
         """
         quality = self._quality
+        if quality.lens_blur:
+            brightness = np.asarray(cv2.GaussianBlur(brightness, (0, 0), quality.lens_blur))
         image = brightness * (self._transmission * np.float32(quality.gain * self._gain(time)))
         if quality.photon_noise or quality.read_noise:
             rng = np.random.Generator(np.random.SFC64([self._seed, 4, frame]))
@@ -103,6 +108,4 @@ class Sensor:
         rng = np.random.default_rng([self._seed, 5])
         waves = np.sin(2.0 * np.pi * (time / _DRIFT_PERIODS + rng.random(2)))
         step = np.random.default_rng([self._seed, 6, int(time / _STEP_EVERY)]).uniform(-1.0, 1.0)
-        return float(
-            1.0 + self._quality.gain_drift * waves.mean() + self._quality.gain_step * step
-        )
+        return float(1.0 + self._quality.gain_drift * waves.mean() + self._quality.gain_step * step)

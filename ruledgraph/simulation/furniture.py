@@ -137,7 +137,11 @@ def _shelves(
             box_ = tuple(float(v) for v in size)
             grey = plain(float(rng.uniform(0.1, 0.7)), 0.05)
             things += wall.box(
-                f"{name}.box", place + 0.5 * size[0], bottom + 0.03 + _GAP, box_, grey  # type: ignore[arg-type]
+                f"{name}.box",
+                place + 0.5 * size[0],
+                bottom + 0.03 + _GAP,
+                box_,
+                grey,  # type: ignore[arg-type]
             )
             place += size[0] + float(rng.uniform(0.1, 0.4))
     return things
@@ -218,7 +222,9 @@ def corridor(rng: np.random.Generator) -> Scene:
             surfaces += _door(wall, "door", 0.5 * wall.length, 0.9, rng)
         else:
             kinds = [_door, _board, _door, _window]
-            surfaces += _furnish(wall, kinds, (0.9, 1.3), (0.6, 1.8), float(rng.uniform(0.6, 1.4)), rng)
+            surfaces += _furnish(
+                wall, kinds, (0.9, 1.3), (0.6, 1.8), float(rng.uniform(0.6, 1.4)), rng
+            )
     lamps = []
     for i, x in enumerate(np.arange(-0.8, 18.0, 3.2).tolist()):
         lamps.append(Lamp((x, 0.0, 1.0), 1.1, 0.6))

@@ -1,20 +1,30 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""A simulated IMU on a moving body."""
+"""The IMU of a simulated recording: simulated on a moving body, or recorded."""
 
+import copy
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from pathlib import Path
+from typing import NamedTuple, Protocol
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
+from ruledgraph.errors import RuledgraphError
+from ruledgraph.measurements import ImuSample
 from ruledgraph.sensors import ImuNoise
 from ruledgraph.simulation.motion import FloatArray, Motion
+from ruledgraph.text_table import read_table
 from ruledgraph_factors import STANDARD_GRAVITY, ImuSamples
 
 # Samples made at a time.
 _CHUNK = 1000
+# Deviations of the bias when an IMU is switched on: m/s^2 and rad/s.
+_BIAS_SIGMAS = np.repeat([0.08, 0.004], 3)
+# EuRoC's table of states: rotation rate and acceleration bias behind stamp, pose and velocity.
+_STATE_COLUMNS, _GYROSCOPE_BIAS, _ACCELEROMETER_BIAS = 17, (11, 12, 13), (14, 15, 16)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,3 +121,101 @@ def stream_imu(
             density = np.repeat([noise.accelerometer, noise.gyroscope], 3)
             measured += rng.normal(size=measured.shape) * density * np.sqrt(rate)
         yield ImuChunk(times, measured[:, 3:], measured[:, :3])
+
+
+class ImuSource(Protocol):
+    """The IMU of a simulated recording."""
+
+    def samples(self) -> Iterator[ImuSample]:
+        """All samples, in order; the same each time."""
+
+    def bias_at(self, stamps: NDArray[np.int64]) -> FloatArray:
+        """True bias (accelerometer, gyroscope) at stamps (n,), (n, 6)."""
+
+
+class SyntheticImu:
+    """An IMU simulated on a motion while it is read.
+
+    Args:
+        motion: world_T_body(t).
+        rate: Hz.
+        noise: None for an IMU without noise and bias; the bias is otherwise random at first.
+        seed: of all randomness.
+        epoch: stamp of the motion's time zero, ns.
+    """
+
+    def __init__(
+        self, motion: Motion, rate: float, noise: ImuNoise | None, seed: int, epoch: int
+    ) -> None:
+        self._motion, self._rate, self._noise = motion, rate, noise
+        self._seed, self._epoch = seed, epoch
+        rng = np.random.default_rng([seed, 7])
+        initial = None if noise is None else rng.normal(size=6) * _BIAS_SIGMAS
+        self._bias = walk_bias(sample_count(motion, rate), rate, noise, rng, initial)
+
+    def samples(self) -> Iterator[ImuSample]:  # noqa: D102
+        rng = np.random.default_rng([self._seed, 8])
+        for chunk in stream_imu(self._motion, self._rate, self._noise, self._bias, rng):
+            stamps = np.round(chunk.times * 1e9).astype(np.int64) + self._epoch
+            for sample in zip(stamps.tolist(), chunk.gyroscope, chunk.accelerometer, strict=True):
+                yield ImuSample(*sample)
+
+    def bias_at(self, stamps: NDArray[np.int64]) -> FloatArray:  # noqa: D102
+        samples = ((stamps - self._epoch) * 1e-9 - self._motion.start) * self._rate
+        return _interpolate(samples, np.arange(len(self._bias)), self._bias)
+
+
+class RecordedImu:
+    """The samples of a real IMU that moved along a measured trajectory.
+
+    Args:
+        path: EuRoC's imu0/data.csv: stamp (ns), gyroscope, accelerometer.
+        states: EuRoC's table of true states, whose estimate of the bias passes as the true one;
+            without it the bias is unknown, NaN.
+
+    Raises:
+        RuledgraphError: for files that cannot be read or have other columns.
+    """
+
+    def __init__(self, path: str | Path, states: str | Path | None = None) -> None:
+        table = read_table(Path(path))
+        if table.width != 7:
+            raise RuledgraphError(f"{path}: {table.width} columns, but EuRoC's IMU files have 7")
+        self.stamps = table.stamps(0, "ns")
+        self._values = table.numbers(range(1, 7))
+        self._bias_stamps, self._bias = self.stamps[:1], np.full((1, 6), np.nan)
+        if states is not None:
+            truth = read_table(Path(states))
+            if truth.width < _STATE_COLUMNS:
+                raise RuledgraphError(f"{states}: {truth.width} columns, EuRoC's states have 17")
+            self._bias_stamps = truth.stamps(0, "ns")
+            columns = [*_ACCELEROMETER_BIAS, *_GYROSCOPE_BIAS]
+            self._bias = truth.numbers(columns)
+
+    def between(self, start: int, stop: int) -> "RecordedImu":
+        """Its part between two stamps.
+
+        Raises:
+            RuledgraphError: when there are fewer than two samples.
+        """
+        inside = (self.stamps >= start) & (self.stamps <= stop)
+        if np.count_nonzero(inside) < 2:
+            raise RuledgraphError(
+                f"the recorded IMU ({self.stamps[0]} to {self.stamps[-1]} ns) has no samples "
+                f"during the motion ({start} to {stop} ns)"
+            )
+        part = copy.copy(self)
+        part.stamps, part._values = self.stamps[inside], self._values[inside]
+        return part
+
+    def samples(self) -> Iterator[ImuSample]:  # noqa: D102
+        for stamp, values in zip(self.stamps.tolist(), self._values, strict=True):
+            yield ImuSample(stamp, values[:3], values[3:])
+
+    def bias_at(self, stamps: NDArray[np.int64]) -> FloatArray:  # noqa: D102
+        first = self._bias_stamps[0]
+        return _interpolate((stamps - first) * 1e-9, (self._bias_stamps - first) * 1e-9, self._bias)
+
+
+def _interpolate(at: FloatArray, knots: NDArray[np.number], rows: FloatArray) -> FloatArray:
+    return np.stack([np.interp(at, knots, column) for column in rows.T], axis=1)

@@ -92,7 +92,9 @@ def _irradiance(
     return total
 
 
-def _shaded(points: FloatArray, source: FloatArray, blockers: Sequence[Surface]) -> NDArray[np.bool_]:
+def _shaded(
+    points: FloatArray, source: FloatArray, blockers: Sequence[Surface]
+) -> NDArray[np.bool_]:
     """Whether something stands between each point (N, 3) and the source (3,), (N,)."""
     ray = source - points
     shaded = np.zeros(len(points), dtype=bool)

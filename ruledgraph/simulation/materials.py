@@ -53,7 +53,9 @@ def wood(reflectance: float, grain: float = 0.12) -> Material:
             rows = max(2, round(lying[0] * texel / across))
             columns = max(2, round(lying[1] * texel / along))
             fibres = rng.standard_normal((rows, columns), dtype=np.float32)
-            image += grain * strength * cv2.resize(fibres, lying[::-1], interpolation=cv2.INTER_CUBIC)
+            image += (
+                grain * strength * cv2.resize(fibres, lying[::-1], interpolation=cv2.INTER_CUBIC)
+            )
         return np.asarray(reflectance * (image.T if upright else image), dtype=np.float32)
 
     return paint
@@ -87,10 +89,14 @@ def poster() -> Material:
         image = plain(float(rng.uniform(0.6, 0.85)))(width, height, texel, rng)
         rows, columns = image.shape
         top, left, right = int(0.06 * rows), int(0.08 * columns), int(0.92 * columns)
-        image[top : top + max(2, int(0.07 * rows)), left : int(rng.uniform(0.5, 0.9) * columns)] *= 0.25
+        image[
+            top : top + max(2, int(0.07 * rows)), left : int(rng.uniform(0.5, 0.9) * columns)
+        ] *= 0.25
         photograph = slice(int(0.18 * rows), int(0.5 * rows)), slice(left, right)
         shape = image[photograph].shape
-        image[photograph] = np.clip(0.4 + 0.16 * sum(_noise(shape, c, rng) for c in (25, 8, 3)), 0.03, 0.9)
+        image[photograph] = np.clip(
+            0.4 + 0.16 * sum(_noise(shape, c, rng) for c in (25, 8, 3)), 0.03, 0.9
+        )
         pitch = max(3, int(0.02 / texel))
         for row in range(int(0.55 * rows), int(0.93 * rows) - pitch, pitch):
             start = left
@@ -129,9 +135,7 @@ def _ellipse(image: Image, texel: float, rng: np.random.Generator, contrast: flo
     centre, axes = _place(image, rng), rng.uniform(0.02, 0.12, 2) / texel
     angle = float(rng.uniform(0.0, 180.0))
     tone = _tone(image, centre, rng, contrast)
-    cv2.ellipse(
-        image, _fixed(centre), _fixed(axes), angle, 0, 360, tone, -1, cv2.LINE_8, _SHIFT
-    )
+    cv2.ellipse(image, _fixed(centre), _fixed(axes), angle, 0, 360, tone, -1, cv2.LINE_8, _SHIFT)
 
 
 def _arc(image: Image, texel: float, rng: np.random.Generator, contrast: float) -> None:

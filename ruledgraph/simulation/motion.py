@@ -141,7 +141,7 @@ class PathMotion(Motion):
         self._moving_start = moving_start
 
     def _phase(self, times: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """s and its two derivatives by time, (...,)."""
+        """S and its two derivatives by time, (...,)."""
         t = np.asarray(times, dtype=np.float64)
         if self._moving_start:
             return t, np.ones_like(t), np.zeros_like(t)

@@ -69,7 +69,9 @@ class PaintersOrder:
         if not fragments:
             return None
         tried = fragments[:: max(1, len(fragments) // _TRIED)]
-        plane = min((_plane(surfaces[f.surface]) for f in tried), key=lambda p: _cost(fragments, *p))
+        plane = min(
+            (_plane(surfaces[f.surface]) for f in tried), key=lambda p: _cost(fragments, *p)
+        )
         here: list[int] = []
         front: list[Fragment] = []
         back: list[Fragment] = []
@@ -84,9 +86,7 @@ class PaintersOrder:
             else:
                 front.append(_half(fragment, height))
                 back.append(_half(fragment, -height))
-        return _Node(
-            *plane, here, self._build(front, surfaces), self._build(back, surfaces)
-        )
+        return _Node(*plane, here, self._build(front, surfaces), self._build(back, surfaces))
 
     def seen_from(self, eye: FloatArray) -> Iterator[int]:
         """Indices of all fragments, the farther ones first."""

@@ -131,9 +131,7 @@ def zigzag(amplitude: ArrayLike, speed: float, corner: float) -> Path:
     return Legs(4.0 * quarter, np.zeros(3), velocity, changes)
 
 
-def square(
-    first: ArrayLike, second: ArrayLike, speed: float, corner: float, pause: float
-) -> Path:
+def square(first: ArrayLike, second: ArrayLike, speed: float, corner: float, pause: float) -> Path:
     """Round a square about the origin that stops at each corner.
 
     Args:

@@ -34,7 +34,9 @@ _SEAM = 0.02
 # distortion gives an edge between two points of the rim below.
 _MARGIN = 1.5
 # Points around the border of the unit square.
-_RIM = np.array([[x, y] for x in np.linspace(0, 1, 7) for y in np.linspace(0, 1, 7) if {x, y} & {0, 1}])
+_RIM = np.array(
+    [[x, y] for x in np.linspace(0, 1, 7) for y in np.linspace(0, 1, 7) if {x, y} & {0, 1}]
+)
 
 
 class _View(NamedTuple):

@@ -38,12 +38,12 @@ class Surface:
 
     @property
     def width(self) -> float:
-        """m."""
+        """M."""
         return float(np.linalg.norm(self.right))
 
     @property
     def height(self) -> float:
-        """m."""
+        """M."""
         return float(np.linalg.norm(self.down))
 
     @cached_property

@@ -14,11 +14,15 @@ from ruledgraph.errors import RuledgraphError
 from ruledgraph.simulation.furniture import corridor, room
 from ruledgraph.simulation.lighting import Lamp, light
 from ruledgraph.simulation.materials import cluttered, plain, poster, wood
-from ruledgraph.simulation.motion import FloatArray
+from ruledgraph.simulation.motion import FloatArray, Motion
 from ruledgraph.simulation.scene import Material, Scene, Surface, box, panel, shell
 
 # The laboratory around the four lines: opposite corners, m. The wall with the lines is at x = 1.6.
 _LAB = np.array([[-3.0, -2.6, -1.3], [1.6, 2.4, 1.5]])
+_ROOM = np.array([[-3.5, -3.5, -1.3], [3.5, 3.5, 1.7]])
+_HALL = np.array([[-8.0, -7.0, -1.5], [12.0, 7.0, 5.5]])
+# From a measured motion to the walls, m; furniture is at most 0.6 m deep, more in a higher room.
+_CLEARANCE = np.array([2.0, 2.0, 1.0])
 _LAB_LAMPS = (Lamp((-0.6, 1.0, 1.4), 2.2, 0.6), Lamp((-1.2, -1.4, 1.4), 1.3, 0.6))
 
 
@@ -27,6 +31,8 @@ class NamedScene(NamedTuple):
 
     description: str
     build: Callable[[np.random.Generator], Scene]
+    bounds: FloatArray | None = None
+    """Opposite corners of a room that can have any size, (2, 3), m."""
 
 
 def _laboratory(wall: Material) -> list[Surface]:
@@ -95,6 +101,10 @@ def bar(
 _CLEAN = plain(0.62, 0.015)
 _CLUTTERED = cluttered(plain(0.55, 0.03))
 
+def _room(description: str, bounds: FloatArray) -> NamedScene:
+    return NamedScene(description, lambda rng: room(bounds, rng), bounds)
+
+
 SCENES: dict[str, NamedScene] = {
     "square": NamedScene("four coplanar lines on a clean wall", _square(_CLEAN)),
     "square_cluttered": NamedScene(
@@ -104,28 +114,35 @@ SCENES: dict[str, NamedScene] = {
     "noncoplanar_cluttered": NamedScene(
         "the same before a cluttered wall", _noncoplanar(_CLUTTERED, *_clutter_around())
     ),
-    "room": NamedScene(
-        "furnished room of 7 x 7 x 3 m",
-        lambda rng: room(np.array([[-3.5, -3.5, -1.3], [3.5, 3.5, 1.7]]), rng),
-    ),
-    "hall": NamedScene(
-        "hall of 20 x 14 x 7 m with machines and crates along its walls",
-        lambda rng: room(np.array([[-8.0, -7.0, -1.5], [12.0, 7.0, 5.5]]), rng),
-    ),
+    "room": _room("furnished room of 7 x 7 x 3 m, or around a measured motion", _ROOM),
+    "hall": _room("furnished hall of 20 x 14 x 7 m, or around a measured motion", _HALL),
     "corridor": NamedScene("corridor of 20 m with doors, skirting and lamps", corridor),
 }
 
 
-def make_scene(name: str, seed: int = 0) -> Scene:
+def make_scene(name: str, seed: int = 0, around: Motion | None = None) -> Scene:
     """A named scene.
 
     Args:
         name: one of `SCENES`.
         seed: for the random part of its textures and furniture; its main lines do not depend on it.
+        around: a motion that the `room` or the `hall` must leave room for, instead of its own size.
 
     Raises:
-        RuledgraphError: for a name that is not known.
+        RuledgraphError: for a name that is not known, or a scene that cannot be fitted to a motion.
     """
     if name not in SCENES:
         raise RuledgraphError(f"unknown scene {name!r}; use one of {', '.join(SCENES)}")
-    return SCENES[name].build(np.random.default_rng([seed, 0]))
+    scene, rng = SCENES[name], np.random.default_rng([seed, 0])
+    if around is None:
+        return scene.build(rng)
+    if scene.bounds is None:
+        raise RuledgraphError(f"the scene {name} has a fixed size; a motion of its own needs a room")
+    return room(_bounds_around(around), rng)
+
+
+def _bounds_around(motion: Motion) -> FloatArray:
+    """Opposite corners, (2, 3), m, of a room that leaves a motion space."""
+    positions = motion.position(np.arange(motion.start, motion.stop, 0.02))
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    return np.array([low - _CLEARANCE, high + _CLEARANCE])

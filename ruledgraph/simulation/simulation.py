@@ -4,7 +4,7 @@
 
 import heapq
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import gtsam
@@ -15,7 +15,8 @@ from ruledgraph.errors import RuledgraphError
 from ruledgraph.measurements import Frame, ImuSample
 from ruledgraph.sensors import D435I_LIKE, Calibration, CameraModel, ImuNoise
 from ruledgraph.simulation.exposure import ImageQuality, Sensor
-from ruledgraph.simulation.imu import sample_count, stream_imu, walk_bias
+from ruledgraph.simulation.imu import ImuSource, RecordedImu, SyntheticImu
+from ruledgraph.simulation.measured import MeasuredMotion
 from ruledgraph.simulation.motion import FloatArray, Motion
 from ruledgraph.simulation.motions import make_motion
 from ruledgraph.simulation.renderer import Image, Renderer
@@ -29,12 +30,11 @@ D435I = Calibration(
 )
 """Like an Intel RealSense D435i: its rectified infrared camera at 640 x 480, and its IMU."""
 
-# Deviations of the IMU's bias when it is switched on: m/s^2 and rad/s.
-_BIAS_SIGMAS = np.repeat([0.08, 0.004], 3)
 # A frame is rendered so often that most of the image moves less than this from one time to the
 # next, px.
 _BLUR_STEP = 1.5
 _MOST_EXPOSURES = 16
+# Stamp of the start of a named motion, ns.
 _EPOCH = 1_700_000_000_000_000_000
 
 
@@ -63,26 +63,15 @@ class Simulation:
     """Stamps of frames are `time_offset` earlier than the IMU's of the same moment."""
     rate: float
     """Frames a second."""
-    imu_rate: float
-    imu_noise: ImuNoise | None
+    imu: ImuSource
     quality: ImageQuality
     seed: int
-    bias: FloatArray
-    """The IMU's true bias at every sample, (N, 6)."""
-    epoch: int = _EPOCH
+    epoch: int
     """Stamp of the motion's time zero, IMU's clock, ns."""
 
     def stream(self) -> Iterator[Frame | ImuSample]:
         """All measurements, ordered by their stamps."""
-        return heapq.merge(self.imu_samples(), self.frames(), key=lambda m: m.stamp)
-
-    def imu_samples(self) -> Iterator[ImuSample]:
-        """The IMU's part of the stream."""
-        rng = np.random.default_rng([self.seed, 8])
-        for chunk in stream_imu(self.motion, self.imu_rate, self.imu_noise, self.bias, rng):
-            stamps = self.stamps(chunk.times)
-            for sample in zip(stamps.tolist(), chunk.gyroscope, chunk.accelerometer, strict=True):
-                yield ImuSample(*sample)
+        return heapq.merge(self.imu.samples(), self.frames(), key=lambda m: m.stamp)
 
     def frames(self) -> Iterator[Frame]:
         """The camera's part of the stream."""
@@ -108,14 +97,12 @@ class Simulation:
         """The true states at any stamps (n,) of the IMU's clock."""
         at = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
         times = (at - self.epoch) * 1e-9
-        samples = (times - self.motion.start) * self.imu_rate
-        bias = [np.interp(samples, np.arange(len(self.bias)), column) for column in self.bias.T]
         return TrueStates(
             at,
             self.motion.rotation(times),
             self.motion.position(times),
             self.motion.velocity(times),
-            np.stack(bias, axis=1),
+            self.imu.bias_at(at),
         )
 
     @property
@@ -189,7 +176,7 @@ def simulate(
     calibration: Calibration = D435I,
     rate: float = 90.0,
     imu_rate: float = 200.0,
-    imu_noise: ImuNoise | None = D435I_LIKE,
+    imu: ImuNoise | RecordedImu | None = D435I_LIKE,
     quality: ImageQuality | None = None,
     duration: float = 12.0,
     moving_start: bool = False,
@@ -198,12 +185,15 @@ def simulate(
     """Simulate a recording.
 
     Args:
-        scene: one of `SCENES` or a scene of your own.
-        motion: one of `MOTIONS` or a motion of your own.
-        calibration: camera, IMU and how they are mounted.
+        scene: one of `SCENES` or a scene of your own. The named `room` and `hall` are built around
+            a motion of your own.
+        motion: one of `MOTIONS` or a motion of your own, such as a `MeasuredMotion`.
+        calibration: camera, IMU and how they are mounted. The simulation's own calibration has the
+            noise figures of `imu`.
         rate: frames a second.
-        imu_rate: samples a second.
-        imu_noise: None for an IMU without noise and bias.
+        imu_rate: samples a second, of a simulated IMU.
+        imu: noise of a simulated IMU, None for one without noise and bias, or what a real IMU
+            recorded along a measured motion.
         quality: of the images, by default that of a good camera in a dim room.
         duration: of a named motion, s.
         moving_start: a named motion starts at full speed instead of one second of rest.
@@ -212,11 +202,6 @@ def simulate(
     Raises:
         RuledgraphError: for a name that is not known or a figure out of its range.
     """
-    if isinstance(scene, str):
-        scene = make_scene(scene, seed)
-    if isinstance(motion, str):
-        body_R_cam = calibration.body_T_cam.rotation().matrix()
-        motion = make_motion(motion, body_R_cam, duration, moving_start, seed)
     for name, value in (("rate", rate), ("imu_rate", imu_rate)):
         if not (np.isfinite(value) and value > 0.0):
             raise RuledgraphError(f"{name} = {value} Hz is not positive")
@@ -225,9 +210,21 @@ def simulate(
         raise RuledgraphError(
             f"an exposure of {quality.exposure} s does not fit between frames at {rate} Hz"
         )
-    rng = np.random.default_rng([seed, 7])
-    initial = None if imu_noise is None else rng.normal(size=6) * _BIAS_SIGMAS
-    bias = walk_bias(sample_count(motion, imu_rate), imu_rate, imu_noise, rng, initial)
-    return Simulation(
-        scene, motion, calibration, rate, imu_rate, imu_noise, quality, seed, bias
-    )
+    surrounds = None
+    if isinstance(motion, str):
+        body_R_cam = calibration.body_T_cam.rotation().matrix()
+        motion = make_motion(motion, body_R_cam, duration, moving_start, seed)
+    else:
+        surrounds = motion
+    if isinstance(scene, str):
+        scene = make_scene(scene, seed, surrounds)
+    epoch = motion.epoch if isinstance(motion, MeasuredMotion) else _EPOCH
+    source: ImuSource
+    if isinstance(imu, RecordedImu):
+        first, last = (epoch + round(time * 1e9) for time in (motion.start, motion.stop))
+        source = imu.between(first, last)
+    else:
+        source = SyntheticImu(motion, imu_rate, imu, seed, epoch)
+    if isinstance(imu, ImuNoise):
+        calibration = replace(calibration, imu_noise=imu)
+    return Simulation(scene, motion, calibration, rate, source, quality, seed, epoch)
