@@ -1,0 +1,404 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The odometry: measurements in, estimates out. This file names the stages and their order."""
+
+import time as clock
+from collections import defaultdict, deque
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import gtsam
+import numpy as np
+
+from ruledgraph.config import Config
+from ruledgraph.edges.detect import DETECTORS
+from ruledgraph.edges.gradient import Gradient
+from ruledgraph.errors import RuledgraphError
+from ruledgraph.inertial import ImuBuffer
+from ruledgraph.initialize import Refusal, is_still, start_at_rest, start_in_motion
+from ruledgraph.lines import GraphLine, LineEstimate
+from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
+from ruledgraph.sensors import Calibration, FloatArray
+from ruledgraph.tracks import Tracker
+from ruledgraph.window import Interval, Start, Window
+
+Status = Literal["tracking", "still", "dead reckoning"]
+
+# How long rest must last, s, and how often a start is tried.
+_REST, _BETWEEN_ATTEMPTS = 0.4, 0.25
+# Frames and knots at these intervals (s) are on time when they come this much early.
+_EARLY = 0.004
+# New lines are looked for this often, s.
+_DETECT_INTERVAL = 0.1
+# With fewer lines of the graph in view for so long (s), the IMU alone carries the estimate.
+_FEWEST_LINES, _LINES_MISSING = 2, 0.3
+# Measurements are kept this much longer than the window, s.
+_SPARE = 0.5
+
+
+class _Seen(NamedTuple):
+    """A frame that was processed."""
+
+    stamp: int
+    """ns, also its name."""
+    time: float
+    """s, on the IMU's clock."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What is known of one frame."""
+
+    stamp: int
+    """ns, the frame's own."""
+    world_T_body: gtsam.Pose3
+    velocity: FloatArray
+    """Of the body in the world, (3,), m/s."""
+    bias: gtsam.imuBias.ConstantBias
+    covariances: tuple[FloatArray, FloatArray, FloatArray]
+    """Of pose (6, 6), velocity (3, 3) and bias (6, 6), as of the last knot when it was new."""
+    lines: int
+    """Lines of the graph that were seen in the frame."""
+    status: Status
+    at_knot: bool
+    """Whether the frame is a knot's, optimised with all before it, or predicted from one."""
+
+
+class Odometry:
+    """Visual-inertial odometry from lines.
+
+    Feed it in order of time with `add`, or `add_imu` and `add_image`; a frame is processed when the
+    IMU has reached its time. Take out what has come with the `take_` methods; call `finish` at the
+    end.
+    """
+
+    def __init__(self, calibration: Calibration, config: Config | None = None) -> None:
+        self.calibration = calibration
+        self.config = config or Config()
+        edges = self.config.edges
+        self.tracker = Tracker(calibration.camera, edges, DETECTORS[edges.detector])
+        self.window: Window | None = None
+        self.warnings: list[str] = []
+        self.recoveries: list[str] = []
+        self.timings: dict[str, list[float]] = defaultdict(list)
+        """Seconds that each stage took, a value each time it ran."""
+        self._live: list[Estimate] = []
+        self._smoothed: list[Estimate] = []
+        self._lines: list[LineEstimate] = []
+        self._imu = ImuBuffer()
+        self._origin: int | None = None
+        self._waiting: deque[Frame] = deque()
+        self._frames: deque[_Seen] = deque()
+        self._last_attempt = self._last_detection = self._last_lines = -np.inf
+        self._state = gtsam.NavState()
+        self._status: Status = "tracking"
+        self._ahead: gtsam.PreintegratedCombinedMeasurements | None = None
+        self._ahead_until = 0.0
+        self._live_by_stamp: dict[int, Estimate] = {}
+        self._ended: gtsam.Pose3 | None = None
+
+    # -- input -----------------------------------------------------------------------------------
+
+    def add(self, measurement: Measurement) -> None:
+        """A frame, an IMU sample, or a gap, which ends a segment."""
+        if isinstance(measurement, Frame):
+            self.add_image(measurement)
+        elif isinstance(measurement, ImuSample):
+            self.add_imu(measurement)
+        else:
+            self._break(measurement)
+
+    def add_imu(self, sample: ImuSample) -> None:
+        """An IMU sample; the frames up to its time are processed."""
+        self._imu.append(self._seconds(sample.stamp), sample.gyroscope, sample.accelerometer)
+        while self._waiting and self._imu.latest >= self._frame_time(self._waiting[0]):
+            with self._timed("frame"):
+                self._process(self._waiting.popleft())
+
+    def add_image(self, frame: Frame) -> None:
+        """A grey image of the calibration's size.
+
+        Raises:
+            RuledgraphError: for an image of another size.
+        """
+        camera = self.calibration.camera
+        if frame.image.shape != (camera.height, camera.width):
+            height, width = frame.image.shape[:2]
+            raise RuledgraphError(
+                f"a frame is {width}x{height}, but the calibration is for {camera.width}x"
+                f"{camera.height}; use the calibration of this camera and resolution"
+            )
+        self._waiting.append(frame)
+
+    def finish(self) -> None:
+        """Hand out what is still in the window."""
+        if self.window is None:
+            return
+        for interval in self.window.intervals:
+            self._hand_out(interval)
+        self._hand_out_lines([*self.window.retired, *self.window.lines.values()])
+        self._ended = self.window.newest.state.pose()
+        self.recoveries += self.window.recoveries
+        self.window = None
+
+    # -- output ----------------------------------------------------------------------------------
+
+    def take_live(self) -> list[Estimate]:
+        """Estimates as known at each frame's time, since the last call."""
+        taken, self._live = self._live, []
+        return taken
+
+    def take_smoothed(self) -> list[Estimate]:
+        """Estimates of the frames that left the window, since the last call."""
+        taken, self._smoothed = self._smoothed, []
+        return taken
+
+    def take_lines(self) -> list[LineEstimate]:
+        """Lines that left the window, since the last call."""
+        taken, self._lines = self._lines, []
+        return taken
+
+    # -- one frame -------------------------------------------------------------------------------
+
+    def _process(self, frame: Frame) -> None:
+        seen = _Seen(frame.stamp, self._frame_time(frame))
+        if not self._imu.covers(seen.time, seen.time):
+            return  # before the first IMU sample
+        if self._frames and seen.time <= self._frames[-1].time:
+            return
+        with self._timed("gradient"):
+            gradient = Gradient(frame.image)
+        with self._timed("search"):
+            lines = self._follow(seen, gradient)
+        self._frames.append(seen)
+        at_knot = False
+        if self.window is None:
+            with self._timed("start"):
+                at_knot = self._try_start(seen)
+        elif seen.time - self.window.newest.time >= self.config.window.knot_interval - _EARLY:
+            with self._timed("smoother"):
+                self._add_knot([f for f in self._frames if f.time > self.window.newest.time])
+                self._optimize(self.window)
+            at_knot = True
+        if self.window is not None:
+            self._report(self.window, seen, lines, at_knot)
+        self.tracker.drop_lost()
+        if seen.time - self._last_detection >= _DETECT_INTERVAL - _EARLY:
+            self._last_detection = seen.time
+            with self._timed("detection"):
+                self.tracker.start_new(seen.stamp, seen.time, frame.image, gradient)
+        self._forget(seen.time)
+
+    def _follow(self, seen: _Seen, gradient: Gradient) -> int:
+        """Search every track where it is predicted; returns how many of the graph were found."""
+        if not self._frames:
+            return 0
+        before = self._frames[-1]
+        cam_R_before = self._turn(before.time, seen.time)
+        world_T_before = self._state.pose().compose(self.calibration.body_T_cam)
+        world_T_cam = world_T_before
+        if self.window is not None:
+            self._predict(self.window, seen.time)
+            world_T_cam = self._state.pose().compose(self.calibration.body_T_cam)
+        focal = self.calibration.camera.focal_length
+        count = 0
+        for track in self.tracker.tracks:
+            ruling = track.predict_by_rotation(cam_R_before, seen.time - before.time, focal)
+            line = self.window.lines.get(track.number) if self.window else None
+            if line is not None:
+                ruling = line.ruling(world_T_before, world_T_cam, ruling, focal)
+            found = self.tracker.follow(seen.stamp, seen.time, gradient, track, ruling)
+            count += int(line is not None and found is not None)
+        return count
+
+    def _turn(self, start: float, stop: float) -> FloatArray:
+        """cam_R_before between two frames, from the gyroscope."""
+        bias = self.window.newest.bias.gyroscope() if self.window else np.zeros(3)
+        turn = gtsam.Rot3()
+        for segment in self._imu.between(start, stop).segments(start, stop):
+            turn = turn.compose(gtsam.Rot3.Expmap((segment.gyroscope - bias) * segment.dt))
+        body_R_cam = self.calibration.body_T_cam.rotation().matrix()
+        return np.asarray(body_R_cam.T @ turn.matrix().T @ body_R_cam)
+
+    def _predict(self, window: Window, time: float) -> None:
+        """The state at a frame after the newest knot, by the IMU."""
+        knot = window.newest
+        if self._ahead is None:
+            params = self.calibration.imu_noise.preintegration_params()
+            self._ahead = gtsam.PreintegratedCombinedMeasurements(params, knot.bias)
+            self._ahead_until = knot.time
+        samples = self._imu.between(self._ahead_until, time)
+        for segment in samples.segments(self._ahead_until, time, bias=knot.bias):
+            self._ahead.integrateMeasurement(*segment)
+        self._ahead_until = time
+        self._state = self._ahead.predict(knot.state, knot.bias)
+
+    # -- start and end of a segment --------------------------------------------------------------
+
+    def _try_start(self, seen: _Seen) -> bool:
+        """Begin a window if what was seen so far allows it."""
+        if seen.time - self._last_attempt < _BETWEEN_ATTEMPTS:
+            return False
+        length = self.config.start.window
+        if self._is_still(seen.time):
+            used = [seen]
+            result = start_at_rest(self._imu, seen.time - _REST, seen.time, self.config)
+        elif seen.time - self._frames[0].time >= length - _EARLY:
+            used = [f for f in self._frames if f.time >= seen.time - length - _EARLY]
+            stamps, times = [f.stamp for f in used], [f.time for f in used]
+            result = start_in_motion(
+                self._imu, stamps, times, self.tracker.tracks, self.calibration, self.config
+            )
+        else:
+            return False
+        self._last_attempt = seen.time
+        if isinstance(result, Refusal):
+            self.warnings.append(f"no start at {seen.time:.2f} s: {result.reason}")
+            return False
+        self.window = Window(self.calibration, self.config, self._placed(result))
+        self._last_lines = seen.time
+        self._state = self.window.newest.state
+        pending: list[_Seen] = []
+        for frame in used[1:]:
+            pending.append(frame)
+            elapsed = frame.time - self.window.newest.time
+            if elapsed >= self.config.window.knot_interval - _EARLY or frame is seen:
+                self._add_knot(pending)
+                pending = []
+        if len(used) > 1:
+            self._optimize(self.window)
+        return True
+
+    def _placed(self, start: Start) -> Start:
+        """A segment after the first goes on where the last one ended: same place, same yaw."""
+        if self._ended is None:
+            return start
+        yaw = self._ended.rotation().yaw() - start.state.attitude().yaw()
+        place = self._ended.translation() - start.state.position()
+        return start.moved(gtsam.Pose3(gtsam.Rot3.Yaw(yaw), place))
+
+    def _break(self, gap: Gap) -> None:
+        """The IMU was silent: end the segment, begin anew."""
+        if self.window is not None:
+            self.warnings.append(
+                f"no IMU for {(gap.stop - gap.start) * 1e-9:.2f} s from "
+                f"{self._seconds(gap.start):.2f} s: a new segment begins where the last one ended"
+            )
+        self.finish()
+        self._imu.clear()
+        self._waiting.clear()
+        self._frames.clear()
+        self.tracker.tracks.clear()
+        self._ahead = None
+
+    def _is_still(self, time: float) -> bool:
+        since = [f for f in self._frames if f.time <= time - _REST + _EARLY]
+        if not since or not self._imu.covers(time - _REST, time):
+            return False
+        motion = self.tracker.image_motion(since[-1].stamp)
+        return is_still(self._imu, time - _REST, time, motion)
+
+    # -- knots -----------------------------------------------------------------------------------
+
+    def _add_knot(self, frames: list[_Seen]) -> None:
+        assert self.window is not None  # noqa: S101 - a knot needs its window
+        still = self._is_still(frames[-1].time)
+        self._status = "still" if still else "tracking"
+        stamps, times = [f.stamp for f in frames], [f.time for f in frames]
+        self.window.extend(stamps, times, self._imu, self.tracker.tracks, still)
+
+    def _optimize(self, window: Window) -> None:
+        for interval in window.optimize():
+            self._hand_out(interval)
+        self._hand_out_lines(window.retired)
+        window.retired = []
+        self._ahead = None
+        self._state = window.newest.state
+
+    def _report(self, window: Window, seen: _Seen, lines: int, at_knot: bool) -> None:
+        if lines >= _FEWEST_LINES:
+            self._last_lines = seen.time
+        status = self._status
+        if status == "tracking" and seen.time - self._last_lines > _LINES_MISSING:
+            status = "dead reckoning"
+        knot = window.newest
+        estimate = Estimate(
+            stamp=seen.stamp,
+            world_T_body=self._state.pose(),
+            velocity=self._state.velocity(),
+            bias=knot.bias,
+            covariances=knot.covariances,
+            lines=lines,
+            status=status,
+            at_knot=at_knot,
+        )
+        self._live.append(estimate)
+        self._live_by_stamp[seen.stamp] = estimate
+
+    def _hand_out(self, interval: Interval) -> None:
+        """The smoothed estimates of an interval's frames."""
+        knot = interval.knot
+        for stamp, pose in zip(interval.stamps, interval.poses(), strict=True):
+            live = self._live_by_stamp.pop(stamp, None)
+            self._smoothed.append(
+                Estimate(
+                    stamp=stamp,
+                    world_T_body=pose,
+                    velocity=knot.state.velocity(),
+                    bias=knot.bias,
+                    covariances=knot.covariances,
+                    lines=live.lines if live else 0,
+                    status=live.status if live else "tracking",
+                    at_knot=stamp == interval.stamps[-1],
+                )
+            )
+
+    def _hand_out_lines(self, lines: Iterable[GraphLine]) -> None:
+        estimates = (line.estimate() for line in lines)
+        self._lines += [estimate for estimate in estimates if estimate is not None]
+
+    # -- bookkeeping -----------------------------------------------------------------------------
+
+    def _forget(self, time: float) -> None:
+        keep = max(self.config.start.window, self.config.window.lag) + _SPARE
+        while self._frames[0].time < time - keep:
+            self._frames.popleft()
+        oldest = self._frames[0].stamp
+        for track in self.tracker.tracks:
+            while track.sightings and track.sightings[0].stamp < oldest:
+                track.sightings.popleft()
+        self._imu.forget(time - keep)
+
+    def _seconds(self, stamp: int) -> float:
+        """Time of a stamp of the IMU's clock: since the first one."""
+        if self._origin is None:
+            self._origin = stamp
+        return (stamp - self._origin) * 1e-9
+
+    def _frame_time(self, frame: Frame) -> float:
+        return self._seconds(frame.stamp) + self.calibration.time_offset
+
+    @contextmanager
+    def _timed(self, stage: str) -> Iterator[None]:
+        start = clock.perf_counter()
+        yield
+        self.timings[stage].append(clock.perf_counter() - start)
+
+
+def smooth(
+    measurements: Iterable[Measurement],
+    calibration: Calibration,
+    config: Config | None = None,
+) -> Iterator[Estimate]:
+    """Live estimates, one for each frame from the start on, of a recording's `stream()`.
+
+    For smoothed estimates and lines use `Odometry`.
+    """
+    odometry = Odometry(calibration, config)
+    for measurement in measurements:
+        odometry.add(measurement)
+        yield from odometry.take_live()
+        odometry.take_smoothed()
+        odometry.take_lines()

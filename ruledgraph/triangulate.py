@@ -1,0 +1,160 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""A new line in 3D from its sightings, the motion being known."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from ruledgraph.sensors import FloatArray
+from ruledgraph_factors import (
+    STANDARD_GRAVITY,
+    CompressedPoints,
+    FactorError,
+    FrameMotion,
+    LineChart,
+    line_from_ruling,
+)
+from ruledgraph_factors.factor import evaluate
+from ruledgraph_factors.ruled_surface import Geometry, Residual, State
+
+# Where to start from: inverse distances, 1/m, and turns inside the viewing plane, rad.
+_INVERSE_DISTANCES = (0.05, 0.25, 0.7, 1.6)
+_TURNS = (-0.7, 0.0, 0.7)
+_BEST_STARTS = 2
+_MOST_STEPS = 8
+_LONGEST_STEP = 1.5
+_CONVERGED = 1e-3
+# Keeps the two directions that one image does not show finite; the others are seen.
+_PRIOR = np.array([1.0, 1e2, 1e2, 1.0])
+
+
+# delta, whether a Jacobian is wanted -> whitened residual, Jacobian by delta
+_Whitened = Callable[[FloatArray, bool], tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A line's sightings in one interval between knots."""
+
+    motion: FrameMotion
+    """Of the frames that saw it."""
+    points: CompressedPoints
+    state: gtsam.NavState
+    """Of the knot."""
+    bias: gtsam.imuBias.ConstantBias
+
+    def residual(self, geometry: Geometry, delta: FloatArray, want_jacobian: bool) -> Residual:
+        """Unwhitened residual of the line at `delta`; its Jacobian has the factors' columns."""
+        state = State(
+            self.state.attitude().matrix(),
+            self.state.position(),
+            self.state.velocity(),
+            self.bias.vector(),
+            np.array(STANDARD_GRAVITY),
+            delta,
+        )
+        return evaluate(geometry, self.points, state, want_jacobian)
+
+    @property
+    def weight(self) -> float:
+        """Number of points of weight 1 that the points count for."""
+        return float(np.sum(self.points.statistics[:, :, 2] ** 2))
+
+
+@dataclass(frozen=True, eq=False)
+class LineFit:
+    """A line, at zero of its chart."""
+
+    chart: LineChart
+    inverse: float
+    """One over its distance from the first camera, 1/m, and the deviation of that."""
+    inverse_sigma: float
+    misfit: float
+    """Root mean square distance of the points, in units of their deviation."""
+
+
+def misfit(
+    chart: LineChart, delta: FloatArray, view: View, body_T_cam: gtsam.Pose3, deviation: float
+) -> float:
+    """Root mean square distance of a view's points from a line, in units of their deviation."""
+    value = view.residual(Geometry(chart, view.motion, body_T_cam), delta, False).value
+    return float(np.linalg.norm(value) / deviation / np.sqrt(view.weight))
+
+
+def triangulate(
+    world_T_cam: gtsam.Pose3,
+    points: FloatArray,
+    views: Sequence[View],
+    body_T_cam: gtsam.Pose3,
+    deviation: float,
+) -> LineFit | None:
+    """Least squares over a new line alone, from several distances and directions.
+
+    Args:
+        world_T_cam: camera of the first sighting, which anchors the line.
+        points: seen there, (N, 2), normalised.
+        views: all sightings.
+        body_T_cam: camera pose in the body frame.
+        deviation: of a point, normalised units.
+
+    Returns:
+        The best fit, None if the points define no line.
+    """
+    try:
+        chart = line_from_ruling(world_T_cam, points, _INVERSE_DISTANCES[1])
+    except FactorError:
+        return None
+    geometries = [Geometry(chart, view.motion, body_T_cam) for view in views]
+
+    def whitened(delta: FloatArray, want_jacobian: bool) -> tuple[FloatArray, FloatArray]:
+        values, jacobians = [delta / _PRIOR], [np.diag(1.0 / _PRIOR)]
+        for geometry, view in zip(geometries, views, strict=True):
+            residual = view.residual(geometry, delta, want_jacobian)
+            values.append(residual.value / deviation)
+            if residual.jacobian is not None:
+                jacobians.append(residual.jacobian[:, 18:] / deviation)
+        return np.concatenate(values), np.vstack(jacobians)
+
+    def cost(delta: FloatArray) -> float:
+        value, _ = whitened(delta, False)
+        return float(value @ value)
+
+    turns = [(np.arctan(i) - chart.angle, turn) for i in _INVERSE_DISTANCES for turn in _TURNS]
+    starts = [np.array([turn, 0.0, 0.0, nearer]) for nearer, turn in turns]
+    starts.sort(key=cost)
+    delta = min((_descend(start, whitened) for start in starts[:_BEST_STARTS]), key=cost)
+    _, jacobian = whitened(delta, True)
+    covariance = np.linalg.inv(jacobian.T @ jacobian)
+    inverse, slope = chart.inverse_distance(delta)
+    weight = sum(view.weight for view in views)
+    try:
+        recentred, _ = chart.reanchor(delta, world_T_cam)
+    except FactorError:
+        return None
+    sigma = float(np.sqrt(slope @ covariance @ slope))
+    return LineFit(recentred, inverse, sigma, float(np.sqrt(cost(delta) / weight)))
+
+
+def _descend(delta: FloatArray, whitened: _Whitened) -> FloatArray:
+    """Levenberg-Marquardt."""
+    damping = 1e-3
+    value, jacobian = whitened(delta, True)
+    cost = float(value @ value)
+    for _ in range(_MOST_STEPS):
+        hessian = jacobian.T @ jacobian
+        damped = hessian + damping * np.diag(np.diag(hessian))
+        step = -np.linalg.solve(damped, jacobian.T @ value)
+        step *= min(1.0, _LONGEST_STEP / float(np.linalg.norm(step) + 1e-12))
+        tried, _ = whitened(delta + step, False)
+        gained = cost - float(tried @ tried)
+        if gained <= 0.0:
+            damping *= 10.0
+            continue
+        delta, cost, damping = delta + step, cost - gained, 0.2 * damping
+        value, jacobian = whitened(delta, True)
+        if gained < _CONVERGED * cost:
+            break
+    return delta

@@ -1,0 +1,411 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The window: knots, the graph between them, and the lines that enter and leave it."""
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import gtsam
+import numpy as np
+from gtsam import noiseModel
+from gtsam.symbol_shorthand import B, L, V, X
+
+from ruledgraph.config import Config
+from ruledgraph.inertial import ImuBuffer
+from ruledgraph.lines import GraphLine
+from ruledgraph.sensors import Calibration, FloatArray
+from ruledgraph.smoother import FixedLagSmoother, SmootherError
+from ruledgraph.tracks import Sighting, Track
+from ruledgraph.triangulate import View, misfit, triangulate
+from ruledgraph_factors import (
+    NEW_LINE_SIGMAS,
+    CompressedPoints,
+    FrameMotion,
+    LineChart,
+    RuledSurfaceFactor,
+    preintegrate_frames,
+    ruled_surface_factor,
+)
+
+# A line that misses its points by so many times their deviation, in so many knots in a row, goes;
+# one that does so at once does not enter.
+_BAD_MISFIT, _BAD_KNOTS, _NEW_MISFIT = 2.0, 2, 1.5
+_FEWEST_SIGHTINGS = 3
+# Closer to its first camera than this a line is taken for an error, 1/m.
+_NEAREST_INVERSE = 20.0
+# An estimate that departs from the IMU's prediction by more has diverged (m, m/s).
+_JUMP, _VELOCITY_JUMP = 1.0, 3.0
+_STILL_VELOCITY = 0.01
+# Where a window is rebuilt its first state is trusted this much less than it said.
+_REBUILD_INFLATION = 2.0
+
+
+@dataclass(eq=False)
+class Knot:
+    """A state of the graph."""
+
+    index: int
+    time: float
+    state: gtsam.NavState
+    bias: gtsam.imuBias.ConstantBias
+    covariances: tuple[FloatArray, FloatArray, FloatArray]
+    """Of pose (6, 6), velocity (3, 3) and bias (6, 6), when it was new."""
+
+
+@dataclass(eq=False)
+class Interval:
+    """The frames after a knot, up to and including the next knot's."""
+
+    knot: Knot
+    stamps: list[int]
+    """Of its frames, ns."""
+    motion: FrameMotion
+    imu_factors: list[gtsam.NonlinearFactor]
+    line_factors: list[tuple[GraphLine, RuledSurfaceFactor]] = field(default_factory=list)
+
+    def poses(self) -> list[gtsam.Pose3]:
+        """world_T_body of its frames."""
+        return self.motion.poses(self.knot.state, self.knot.bias)
+
+    def seen(self, track: Track) -> tuple[list[int], list[FloatArray]]:
+        """In which of its frames a track was seen, and the points there."""
+        places = {stamp: i for i, stamp in enumerate(self.stamps)}
+        hits: list[Sighting] = [s for s in track.sightings if s.stamp in places]
+        return [places[s.stamp] for s in hits], [s.points for s in hits]
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a window begins."""
+
+    time: float
+    state: gtsam.NavState
+    bias: gtsam.imuBias.ConstantBias
+    pose_covariance: FloatArray
+    velocity_sigma: float
+    bias_sigmas: FloatArray
+    lines: dict[int, tuple[LineChart, FloatArray]]
+    """Of tracks by number: what is known of them already."""
+
+    def moved(self, by: gtsam.Pose3) -> "Start":
+        """The same start in another world: turned about the vertical and shifted, `by` a pose."""
+        pose = by.compose(self.state.pose())
+        velocity = by.rotation().rotate(self.state.velocity())
+        lines = {
+            number: (LineChart(by.compose(chart.world_T_anchor), chart.basis, chart.angle), delta)
+            for number, (chart, delta) in self.lines.items()
+        }
+        return replace(self, state=gtsam.NavState(pose, velocity), lines=lines)
+
+
+class Window:
+    """Fixed-lag smoothing over knots and lines.
+
+    Use `extend` for each new knot, then `optimize`.
+    """
+
+    def __init__(self, calibration: Calibration, config: Config, start: Start) -> None:
+        self._body_T_cam = calibration.body_T_cam
+        self._config = config
+        self._imu_params = calibration.imu_noise.preintegration_params()
+        self._deviation = config.edges.deviation / calibration.camera.focal_length
+        self._smoother = self._fresh_smoother()
+        covariances = (
+            start.pose_covariance,
+            np.eye(3) * start.velocity_sigma**2,
+            np.diag(np.square(start.bias_sigmas)),
+        )
+        first = Knot(0, start.time, start.state, start.bias, covariances)
+        self.knots = deque([first])
+        self.intervals: deque[Interval] = deque()
+        self.lines: dict[int, GraphLine] = {}
+        """By track number."""
+        self.retired: list[GraphLine] = []
+        """Lines that left, until someone takes them."""
+        self.recoveries: list[str] = []
+        """Why the window had to be rebuilt, each time."""
+        self._known_lines = dict(start.lines)
+        self._lines_so_far = 0
+        self._clear_news()
+        _add_priors(self._new_factors, first)
+        self._insert(first)
+
+    def _fresh_smoother(self) -> FixedLagSmoother:
+        return FixedLagSmoother(self._config.window.lag, self._config.window.updates)
+
+    def _clear_news(self) -> None:
+        self._new_factors = gtsam.NonlinearFactorGraph()
+        self._new_values = gtsam.Values()
+        self._new_times: dict[int, float] = {}
+
+    def _insert(self, knot: Knot) -> None:
+        _insert_state(self._new_values, knot)
+        self._new_times |= {key(knot.index): knot.time for key in (X, V, B)}
+
+    @property
+    def newest(self) -> Knot:
+        """The latest knot."""
+        return self.knots[-1]
+
+    # -- growing ---------------------------------------------------------------------------------
+
+    def extend(
+        self,
+        stamps: Sequence[int],
+        times: Sequence[float],
+        imu: ImuBuffer,
+        tracks: Iterable[Track],
+        still: bool,
+    ) -> None:
+        """Add a knot at the last of the frames that follow the newest knot, with its factors.
+
+        Args:
+            stamps: of the frames, ns.
+            times: of the frames, s, increasing, after the newest knot.
+            imu: samples that cover them.
+            tracks: all there are.
+            still: whether the body rests at the new knot.
+        """
+        knot = self.newest
+        k = knot.index
+        samples = imu.between(knot.time, times[-1])
+        preintegrated = gtsam.PreintegratedCombinedMeasurements(self._imu_params, knot.bias)
+        for segment in samples.segments(knot.time, times[-1], at=times, bias=knot.bias):
+            preintegrated.integrateMeasurement(*segment)
+        state = preintegrated.predict(knot.state, knot.bias)
+        new = Knot(k + 1, times[-1], state, knot.bias, knot.covariances)
+        imu_factors: list[gtsam.NonlinearFactor] = [
+            gtsam.CombinedImuFactor(X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1), preintegrated)
+        ]
+        if still:
+            noise = noiseModel.Isotropic.Sigma(3, _STILL_VELOCITY)
+            imu_factors.append(gtsam.PriorFactorVector(V(k + 1), np.zeros(3), noise))
+        for factor in imu_factors:
+            self._new_factors.add(factor)
+        motion = preintegrate_frames(samples, knot.time, times, knot.bias)
+        interval = Interval(knot, list(stamps), motion, imu_factors)
+        self.intervals.append(interval)
+        self.knots.append(new)
+        self._insert(new)
+        for track in tracks:
+            line = self.lines.get(track.number)
+            if line is not None:
+                self._observe(interval, line)
+            elif self._is_ripe(track, new.time):
+                self._enter(track)
+
+    def _is_ripe(self, track: Track, time: float) -> bool:
+        followed = time - track.born >= self._config.window.follow_first
+        return track.number in self._known_lines or (followed and track.misses == 0)
+
+    def _observe(self, interval: Interval, line: GraphLine) -> None:
+        """The factor of a line over the frames of an interval that saw it."""
+        index, points = interval.seen(line.track)
+        if not index:
+            return
+        compressed = self._compressed(points)
+        noise: noiseModel.Base = noiseModel.Isotropic.Sigma(compressed.rows, self._deviation)
+        if self._config.window.robust > 0.0:
+            # The whitened norm of a line that is off by `robust` px in every frame.
+            size = self._config.window.robust / self._config.edges.deviation
+            size *= np.sqrt(_weight(compressed))
+            noise = noiseModel.Robust.Create(noiseModel.mEstimator.Cauchy.Create(size), noise)
+        k = interval.knot.index
+        motion = interval.motion.select(index)
+        factor = ruled_surface_factor(
+            noise, X(k), V(k), B(k), line.key, motion, line.chart, compressed, self._body_T_cam
+        )
+        interval.line_factors.append((line, factor))
+        self._new_factors.add(factor)
+        line.points += sum(len(p) for p in points)
+        line.last_stamp = max(line.last_stamp, interval.stamps[index[-1]])
+        line.last_time = self.newest.time
+        self._new_times[line.key] = self.newest.time
+
+    def _enter(self, track: Track) -> None:
+        """Give a track a variable, with factors in all intervals that saw it."""
+        seen = [(interval, *interval.seen(track)) for interval in self.intervals]
+        seen = [s for s in seen if s[1]]
+        known = self._known_lines.pop(track.number, None) if seen else None
+        if known is not None:
+            chart, delta = known
+        else:
+            if sum(len(index) for _, index, _ in seen) < _FEWEST_SIGHTINGS:
+                return
+            views = [self._view(*s) for s in seen]
+            first, index, points = seen[0]
+            anchor = first.poses()[index[0]].compose(self._body_T_cam)
+            fit = triangulate(anchor, points[0], views, self._body_T_cam, self._deviation)
+            if fit is None or fit.misfit > _NEW_MISFIT:
+                return
+            if fit.inverse < -2.0 * fit.inverse_sigma or fit.inverse > _NEAREST_INVERSE:
+                track.give_up()
+                return
+            chart, delta = fit.chart, np.zeros(4)
+        line = GraphLine(
+            key=L(self._lines_so_far),
+            track=track,
+            chart=chart,
+            delta=delta,
+            covariance=np.diag(np.square(NEW_LINE_SIGMAS)) * 0.1,
+            first_stamp=seen[0][0].stamps[seen[0][1][0]],
+            last_stamp=0,
+            last_time=self.newest.time,
+        )
+        self._lines_so_far += 1
+        self.lines[track.number] = line
+        self._new_values.insert(line.key, delta)
+        self._new_factors.add(_line_prior(line))
+        for interval, _, _ in seen:
+            self._observe(interval, line)
+
+    def _compressed(self, points: list[FloatArray]) -> CompressedPoints:
+        most = self._config.edges.effective_points
+        return CompressedPoints.from_frames(points, effective_points=most)
+
+    def _view(self, interval: Interval, index: list[int], points: list[FloatArray]) -> View:
+        motion, compressed = interval.motion.select(index), self._compressed(points)
+        return View(motion, compressed, interval.knot.state, interval.knot.bias)
+
+    # -- solving ---------------------------------------------------------------------------------
+
+    def optimize(self) -> list[Interval]:
+        """Take in what was added since the last time.
+
+        Returns:
+            The intervals that left the window, with their final estimates.
+        """
+        predicted = self.newest.state
+        gone = self._drop_old()
+        try:
+            news = (self._new_factors, self._new_values, self._new_times)
+            self._read(self._smoother.update(*news))
+            self._check(predicted)
+        except SmootherError as failure:
+            self.recoveries.append(f"at {self.newest.time:.2f} s: {failure}")
+            self.newest.state = predicted
+            self._rebuild()
+        self._clear_news()
+        self._read_covariances()
+        self._judge()
+        return gone
+
+    def _drop_old(self) -> list[Interval]:
+        oldest = self.newest.time - self._config.window.lag
+        gone = []
+        while self.intervals and self.intervals[0].knot.time < oldest:
+            gone.append(self.intervals.popleft())
+            self.knots.popleft()
+        for number in [n for n, line in self.lines.items() if line.last_time < oldest]:
+            self.retired.append(self.lines.pop(number))
+        return gone
+
+    def _read(self, estimate: gtsam.Values) -> None:
+        for knot in self.knots:
+            pose, velocity = estimate.atPose3(X(knot.index)), estimate.atVector(V(knot.index))
+            knot.state = gtsam.NavState(pose, velocity)
+            knot.bias = estimate.atConstantBias(B(knot.index))
+        for line in self.lines.values():
+            if estimate.exists(line.key):
+                line.delta = estimate.atVector(line.key)
+
+    def _check(self, predicted: gtsam.NavState) -> None:
+        state = self.newest.state
+        jump = float(np.linalg.norm(state.position() - predicted.position()))
+        change = float(np.linalg.norm(state.velocity() - predicted.velocity()))
+        if not (jump < _JUMP and change < _VELOCITY_JUMP):
+            raise SmootherError(f"the estimate jumped by {jump:.2g} m, {change:.2g} m/s")
+
+    def _read_covariances(self) -> None:
+        k = self.newest.index
+        pose, velocity, bias = (self._smoother.covariance(key(k)) for key in (X, V, B))
+        if pose is not None and velocity is not None and bias is not None:
+            self.newest.covariances = pose, velocity, bias
+        for line in self.lines.values():
+            covariance = self._smoother.covariance(line.key)
+            if covariance is not None:
+                line.covariance = covariance
+
+    def _judge(self) -> None:
+        """Retire lines that do not fit their points or lie behind the camera."""
+        interval = self.intervals[-1]
+        poses = interval.poses()
+        for number, line in list(self.lines.items()):
+            index, points = interval.seen(line.track)
+            if not index:
+                continue
+            view = self._view(interval, index, points)
+            off = misfit(line.chart, line.delta, view, self._body_T_cam, self._deviation)
+            inverse, sigma = line.inverse_distance()
+            bad = off > _BAD_MISFIT or inverse < -2.0 * sigma - 0.01
+            line.bad_knots = line.bad_knots + 1 if bad else 0
+            if line.bad_knots >= _BAD_KNOTS:
+                line.track.give_up()
+                del self.lines[number]
+            elif not bad:
+                line.extend(poses[index[-1]].compose(self._body_T_cam), points[-1])
+
+    def _rebuild(self) -> None:
+        """A new smoother from the window's own states, marginals and data; failing that, without
+        its lines.
+        """
+        for with_lines in (True, False):
+            if not with_lines:
+                for line in self.lines.values():
+                    line.track.give_up()
+                self.lines.clear()
+            try:
+                self._smoother = self._fresh_smoother()
+                self._read(self._smoother.update(*self._everything()))
+                return
+            except SmootherError:
+                continue
+
+    def _everything(self) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[int, float]]:
+        factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        times: dict[int, float] = {}
+        _add_priors(factors, self.knots[0], _REBUILD_INFLATION)
+        for knot in self.knots:
+            _insert_state(values, knot)
+            times |= {key(knot.index): knot.time for key in (X, V, B)}
+        current = {id(line) for line in self.lines.values()}
+        used: dict[int, GraphLine] = {}
+        for interval in self.intervals:
+            for factor in interval.imu_factors:
+                factors.add(factor)
+            for line, line_factor in interval.line_factors:
+                if id(line) in current:
+                    factors.add(line_factor)
+                    used[line.key] = line
+        for key, line in used.items():
+            values.insert(key, line.delta)
+            times[key] = line.last_time
+            factors.add(_line_prior(line))
+        self.lines = {n: line for n, line in self.lines.items() if line.key in used}
+        return factors, values, times
+
+
+def _insert_state(values: gtsam.Values, knot: Knot) -> None:
+    values.insert(X(knot.index), knot.state.pose())
+    values.insert(V(knot.index), knot.state.velocity())
+    values.insert(B(knot.index), knot.bias)
+
+
+def _add_priors(factors: gtsam.NonlinearFactorGraph, knot: Knot, inflation: float = 1.0) -> None:
+    pose, velocity, bias = (
+        noiseModel.Gaussian.Covariance(c * inflation**2) for c in knot.covariances
+    )
+    factors.addPriorPose3(X(knot.index), knot.state.pose(), pose)
+    factors.addPriorVector(V(knot.index), knot.state.velocity(), velocity)
+    factors.addPriorConstantBias(B(knot.index), knot.bias, bias)
+
+
+def _line_prior(line: GraphLine) -> gtsam.NonlinearFactor:
+    noise = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
+    return gtsam.PriorFactorVector(line.key, np.zeros(4), noise)
+
+
+def _weight(points: CompressedPoints) -> float:
+    """Number of points of weight 1 that these count for."""
+    return float(np.sum(points.statistics[:, :, 2] ** 2))
