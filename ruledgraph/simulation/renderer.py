@@ -39,16 +39,70 @@ _RIM = np.array(
 )
 
 
-class _View(NamedTuple):
-    """The rectangle of the image that a surface may touch."""
+class _Pinhole:
+    """Rays of a camera without distortion."""
 
-    rows: slice
-    columns: slice
-    x: Image
-    """Normalised coordinates of its pixels; x and y broadcast to its shape."""
-    y: Image
-    scale: Image
-    """Pixels in one normalised unit."""
+    def __init__(self, camera: CameraModel) -> None:
+        self._pixel_to_ray = np.array(
+            [
+                [1.0 / camera.fx, 0.0, -camera.cx / camera.fx],
+                [0.0, 1.0 / camera.fy, -camera.cy / camera.fy],
+                [0.0, 0.0, 1.0],
+            ]
+        )
+        self.scale = float(np.sqrt(camera.fx * camera.fy))
+        corners = np.array([[0, 0, 1], [camera.width - 1, camera.height - 1, 1]])
+        self.field = (corners @ self._pixel_to_ray.T)[:, :2]
+        self._columns, self._rows = np.arange(camera.width), np.arange(camera.height)
+
+    def sample(self, texture: Texture, H: FloatArray, rows: slice, columns: slice) -> Texture:
+        """A texture at every pixel, where H maps rays to texture pixels."""
+        M = H @ self._pixel_to_ray
+        M[:, 2] += M[:, :2] @ [columns.start, rows.start]
+        size = columns.stop - columns.start, rows.stop - rows.start
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        sampled = cv2.warpPerspective(
+            texture, M, size, flags=flags, borderMode=cv2.BORDER_REPLICATE
+        )
+        return np.asarray(sampled)
+
+    def distance(self, plane: FloatArray, rows: slice, columns: slice) -> Image:
+        """Distance from a line in the image, px, whose unit normal and offset are `plane` (3,)."""
+        a, b, c = self.scale * plane @ self._pixel_to_ray
+        across = (a * self._columns[columns]).astype(np.float32)
+        along = (b * self._rows[rows] + c).astype(np.float32)
+        return np.asarray(across[None, :] + along[:, None])
+
+
+class _Bent:
+    """Rays of a camera with distortion.
+
+    Raises:
+        RuledgraphError: when the distortion has no inverse somewhere in the image.
+    """
+
+    def __init__(self, camera: CameraModel) -> None:
+        shape = camera.height, camera.width
+        pixels = np.stack(np.meshgrid(*(np.arange(size) for size in shape[::-1])), axis=-1)
+        rays = camera.undistort(pixels.reshape(-1, 2))
+        if not np.all(np.isfinite(rays)):
+            raise RuledgraphError("the camera's distortion has no inverse in all of the image")
+        self._rays = rays.reshape(*shape, 2).astype(np.float32)
+        scale = np.sqrt(np.linalg.det(camera.distort(rays).jacobian))
+        self._scale = scale.reshape(shape).astype(np.float32)
+        self.scale = float(scale.min())
+        self.field = np.stack([rays.min(axis=0), rays.max(axis=0)])
+
+    def sample(self, texture: Texture, H: FloatArray, rows: slice, columns: slice) -> Texture:
+        """As `_Pinhole.sample`."""
+        at = cv2.perspectiveTransform(self._rays[rows, columns], H)
+        sampled = cv2.remap(texture, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(sampled)
+
+    def distance(self, plane: FloatArray, rows: slice, columns: slice) -> Image:
+        """As `_Pinhole.distance`."""
+        distance = cv2.transform(self._rays[rows, columns], plane[None])
+        return np.asarray(distance * self._scale[rows, columns])
 
 
 class _Boxes(NamedTuple):
@@ -70,6 +124,7 @@ class Renderer:
 
     def __init__(self, scene: Scene, camera: CameraModel) -> None:
         self._camera = camera
+        self._rays = _Pinhole(camera) if camera.distortion == "none" else _Bent(camera)
         self._textures = [_Pyramid(texture) for texture in scene.textures]
         self._corners = np.array([surface.corner for surface in scene.surfaces])
         self._sides = np.array([[s.right, s.down] for s in scene.surfaces])
@@ -85,28 +140,10 @@ class Renderer:
         # The vertex after each.
         self._next = np.arange(1, len(self._vertices) + 1)
         self._next[stops - 1] = self._starts
-        self._prepare_rays()
-
-    def _prepare_rays(self) -> None:
-        camera = self._camera
-        u, v = np.arange(camera.width), np.arange(camera.height)
-        if camera.distortion == "none":
-            self._x = ((u[None, :] - camera.cx) / camera.fx).astype(np.float32)
-            self._y = ((v[:, None] - camera.cy) / camera.fy).astype(np.float32)
-            self._scale = np.full((1, 1), np.sqrt(camera.fx * camera.fy), dtype=np.float32)
-        else:
-            rays = camera.undistort(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
-            if not np.all(np.isfinite(rays)):
-                raise RuledgraphError("the camera's distortion has no inverse in all of the image")
-            shape = camera.height, camera.width
-            self._x, self._y = rays.T.reshape(2, *shape).astype(np.float32)
-            area = np.linalg.det(camera.distort(rays).jacobian)
-            self._scale = np.sqrt(area).reshape(shape).astype(np.float32)
-        self._field = np.array([[a.min(), a.max()] for a in (self._x, self._y)]).T.astype(float)
         # Inward normals of the planes that bound the field of view, with a margin for surfaces
         # that cover part of a border pixel.
         margin = _MARGIN / camera.focal_length
-        (left, top), (right, bottom) = self._field + [[-margin], [margin]]
+        (left, top), (right, bottom) = self._rays.field + [[-margin], [margin]]
         self._field_planes = np.array(
             [[0, 0, 1], [1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]], dtype=float
         )
@@ -135,7 +172,6 @@ class Renderer:
         planes = np.cross(in_cam, in_cam[self._next])
         planes /= np.linalg.norm(planes[:, :2], axis=1, keepdims=True) + 1e-12
         partial = self._partial(planes, boxes)
-        planes = planes.astype(np.float32)
 
         canvas = np.zeros((self._camera.height, self._camera.width), dtype=np.float32)
         painted = ~faces_eye
@@ -143,16 +179,19 @@ class Renderer:
             if not visible[index]:
                 continue
             surface, span = int(self._surface_of[index]), self._spans[index]
-            view = self._view(boxes.pixels[index].tolist())
-            ray = (*(0.5 * (boxes.low[index] + boxes.high[index])).tolist(), 1.0)
-            pixels = _sample(self._textures[surface], view, maps[surface], ray)
+            first_row, end_row, first_column, end_column = boxes.pixels[index].tolist()
+            view = slice(first_row, end_row), slice(first_column, end_column)
+            middle = 0.5 * (boxes.low[index] + boxes.high[index])
+            texture, H = self._textures[surface].at(maps[surface], middle, self._rays.scale)
+            pixels = self._rays.sample(texture, H, *view)
             edges = self._order.fragments[index].edges
-            cover = None
+            cover: Image | None = None
             for vertex, edge in zip(range(span.start, span.stop), edges, strict=True):
                 if partial[vertex]:
-                    kept = _inside(planes[vertex], view, edge, bool(painted[edge]))
-                    cover = kept if cover is None else np.minimum(cover, kept, out=cover)
-            part = canvas[view.rows, view.columns]
+                    distance = self._rays.distance(planes[vertex], *view)
+                    inside = _inside(distance, edge, bool(painted[edge]))
+                    cover = inside if cover is None else np.minimum(cover, inside, out=cover)
+            part = canvas[view]
             if cover is None:
                 part[...] = pixels
             else:
@@ -172,7 +211,7 @@ class Renderer:
             in_front = _in_front(in_cam[self._spans[index]])
             rays = in_front[:, :2] / in_front[:, 2:] if len(in_front) else np.zeros((1, 2))
             low[index], high[index] = rays.min(axis=0), rays.max(axis=0)
-        low, high = np.clip(low, *self._field), np.clip(high, *self._field)
+        low, high = np.clip(low, *self._rays.field), np.clip(high, *self._rays.field)
         if camera.distortion == "none":
             focal, centre = (camera.fx, camera.fy), (camera.cx, camera.cy)
             first, last = low * focal + centre, high * focal + centre
@@ -195,14 +234,7 @@ class Renderer:
             (boxes.high + margin)[self._fragment_of],
         )
         least = np.sum(planes[:, :2] * corner, axis=1) + planes[:, 2]
-        return np.asarray(least * float(self._scale.min()) < 0.5)
-
-    def _view(self, pixels: list[int]) -> _View:
-        rows, columns = slice(*pixels[:2]), slice(*pixels[2:])
-        if self._camera.distortion == "none":
-            return _View(rows, columns, self._x[:, columns], self._y[rows], self._scale)
-        part = rows, columns
-        return _View(*part, self._x[part], self._y[part], self._scale[part])
+        return np.asarray(least * self._rays.scale < 0.5)
 
 
 def _in_front(polygon: FloatArray) -> FloatArray:
@@ -216,48 +248,14 @@ def _in_front(polygon: FloatArray) -> FloatArray:
     return np.array(kept)
 
 
-def _linear(h: NDArray[np.float32], view: _View) -> Image:
-    return np.asarray(h[0] * view.x + (h[1] * view.y + h[2]))
-
-
-def _sample(
-    pyramid: "_Pyramid", view: _View, H: FloatArray, middle: tuple[float, float, float]
-) -> Texture:
-    """A texture at every pixel of the view.
-
-    Args:
-        pyramid: the texture.
-        view: the pixels.
-        H: maps rays (x, y, 1) to (s, t, 1), each 0 to 1 across the texture.
-        middle: the ray to choose the texture's resolution at.
-    """
-    s, t, w = (H @ middle).tolist()
-    # Derivative of (s, t) by the normalised coordinates.
-    slope = (H[:2, :2] - np.array([[s], [t]]) / w * H[2, :2]) / w
-    texture = pyramid.level(np.hypot(slope[:, 0], slope[:, 1]) / float(view.scale[0, 0]))
-    rows, columns = texture.shape
-    # Texture pixel (0, 0) has its centre half a pixel inside the corner.
-    to_pixel = np.array([[columns, 0.0, -0.5], [0.0, rows, -0.5], [0.0, 0.0, 1.0]])
-    h = (to_pixel @ H).astype(np.float32)
-    depth = np.maximum(_linear(h[2], view), np.float32(1e-6))
-    column, row = _linear(h[0], view), _linear(h[1], view)
-    column /= depth
-    row /= depth
-    sampled = cv2.remap(texture, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(sampled)
-
-
-def _inside(plane: NDArray[np.float32], view: _View, edge: int, is_painted: bool) -> Image:
+def _inside(distance: Image, edge: int, is_painted: bool) -> Image:
     """Share of each pixel on the inner side of an edge.
 
     Args:
-        plane: distance from the edge when applied to (x, y, 1), positive inside.
-        view: the pixels.
+        distance: of the pixels from the edge, px, positive inside; used up.
         edge: what is beyond, see `Fragment`.
         is_painted: the surface beyond is painted already, or faces away.
     """
-    distance = _linear(plane, view)
-    distance *= view.scale
     if edge == CUT:
         return np.asarray(distance >= -_SEAM, dtype=np.float32)
     if edge == FREE or is_painted:
@@ -272,21 +270,33 @@ class _Pyramid:
     def __init__(self, texture: Texture) -> None:
         self._levels = {(0, 0): texture}
 
-    def level(self, footprint: FloatArray) -> Texture:
-        """The texture whose pixels are about as large as an image pixel.
+    def at(
+        self, to_surface: FloatArray, ray: FloatArray, scale: float
+    ) -> tuple[Texture, FloatArray]:
+        """The texture whose pixels are about as large as an image pixel, and the map to them.
 
         Args:
-            footprint: extent of an image pixel on the surface, as a share of its width and height.
+            to_surface: maps rays (x, y, 1) to (s, t, 1), each 0 to 1 across the surface, (3, 3).
+            ray: (x, y), where to compare their sizes.
+            scale: image pixels in a normalised unit.
         """
+        s, t, w = (to_surface[:, :2] @ ray + to_surface[:, 2]).tolist()
+        # Derivative of (s, t) by the normalised coordinates.
+        slope = (to_surface[:2, :2] - np.array([[s], [t]]) / w * to_surface[2, :2]) / w
+        footprint = np.hypot(slope[:, 0], slope[:, 1]) / scale
         shape = self._levels[0, 0].shape
-        texels = footprint * [shape[1], shape[0]]
-        wanted = np.round(np.log2(np.clip(texels, 1.0, min(shape) / 2.0)))
-        return self._at(int(wanted[0]), int(wanted[1]))
+        texels = np.clip(footprint * shape[::-1], 1.0, min(shape) / 2.0)
+        across, along = np.round(np.log2(texels)).astype(int).tolist()
+        texture = self._level(across, along)
+        rows, columns = texture.shape
+        # Texture pixel (0, 0) has its centre half a pixel inside the corner.
+        to_pixel = np.array([[columns, 0.0, -0.5], [0.0, rows, -0.5], [0.0, 0.0, 1.0]])
+        return texture, to_pixel @ to_surface
 
-    def _at(self, across: int, along: int) -> Texture:
+    def _level(self, across: int, along: int) -> Texture:
         key = across, along
         if key not in self._levels:
-            finer = self._at(across - 1, along) if across else self._at(across, along - 1)
+            finer = self._level(across - 1, along) if across else self._level(across, along - 1)
             shape = self._levels[0, 0].shape
             size = -(-shape[1] // 2**across), -(-shape[0] // 2**along)
             self._levels[key] = np.asarray(cv2.resize(finer, size, interpolation=cv2.INTER_AREA))
