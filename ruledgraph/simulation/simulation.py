@@ -3,7 +3,7 @@
 """A simulated recording: a scene, a motion, a camera and an IMU."""
 
 import heapq
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -73,13 +73,15 @@ class Simulation:
         """All measurements, ordered by their stamps."""
         return heapq.merge(self.imu.samples(), self.frames(), key=lambda m: m.stamp)
 
-    def frames(self) -> Iterator[Frame]:
-        """The camera's part of the stream."""
+    def frames(self, numbers: Iterable[int] | None = None) -> Iterator[Frame]:
+        """The camera's part of the stream, or some of its frames."""
         camera = _Camera(self)
-        for number, time in enumerate(self.frame_times()):
+        times = self.frame_times()
+        for number in range(len(times)) if numbers is None else numbers:
             if not camera.sensor.drops(number):
+                time = float(times[number])
                 stamp = int(self.stamps(time - self.calibration.time_offset))
-                yield Frame(stamp, camera.take(number, float(time)))
+                yield Frame(stamp, camera.take(number, time))
 
     def frame_times(self) -> FloatArray:
         """Of all frames, dropped ones included: the middle of their exposure, s.
