@@ -125,3 +125,147 @@ def export(recording: Path, out: Path, kind: Any, **choice: Any) -> None:
         click.echo(f"warning: {warning}", err=True)
     report = source.report
     click.echo(f"{out}: {report.frames.count} frames, {report.imu.count} IMU samples")
+
+
+def _list_simulations(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from ruledgraph.simulation.options import catalogue
+
+        click.echo(catalogue())
+        context.exit()
+
+
+@main.command()
+@click.argument("scene")
+@click.argument("motion")
+@click.argument("out", type=click.Path(path_type=Path), required=False)
+@click.option(
+    "--list",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_list_simulations,
+    help="Show all scenes and motions.",
+)
+@click.option(
+    "--format",
+    "kind",
+    type=click.Choice(["rosbag1", "rosbag2", "mcap", "asl"]),
+    help="Of OUT, by default what its suffix says.",
+)
+@click.option(
+    "--preview",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="PNG",
+    help="Write a contact sheet; OUT may then be left out.",
+)
+@click.option("--duration", type=float, help="Seconds; by default 12, or all of a measured motion.")
+@click.option("--start", type=float, default=0.0, help="Where in a measured motion to begin, s.")
+@click.option(
+    "--moving-start", is_flag=True, help="Start at full speed, not with a second of rest."
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of all randomness.")
+@click.option(
+    "--calibration",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Camera, IMU and mounting; by default like a RealSense D435i.",
+)
+@click.option("--resolution", metavar="WxH", help="Of the images, by default the calibration's.")
+@click.option("--rate", type=float, default=90.0, show_default=True, help="Frames a second.")
+@click.option(
+    "--imu",
+    metavar="d435i|euroc|none|FILE",
+    help="Noise, or EuRoC's imu0.csv that goes with a measured motion.",
+)
+@click.option("--imu-rate", type=float, default=200.0, show_default=True, help="Samples a second.")
+def simulate(
+    scene: str, motion: str, out: Path | None, kind: Any, preview: Path | None, **options: Any
+) -> None:
+    r"""Simulate a recording of a SCENE along a MOTION, with ground truth.
+
+    OUT is a .bag (ROS 1), an .mcap, or a folder, and must not exist. Beside it come the
+    calibration (.calib.yaml), the true poses (.gt.tum) and the scene's lines (.lines.csv). MOTION
+    may be a TUM file or EuRoC's CSV of a real flight; the room is then built around it.
+
+    \b
+    Examples:
+      ruledgraph simulate --list
+      ruledgraph simulate square_cluttered circular-tilted-rot-x sim.bag
+      ruledgraph simulate room flight/groundtruth.csv flight.bag --imu flight/imu0.csv --rate 20
+    """
+    from ruledgraph.simulation.options import kind_of, simulation_from_options
+    from ruledgraph.simulation.write import (
+        Files,
+        check_free,
+        write_contact_sheet,
+        write_with_progress,
+    )
+
+    if out is None and preview is None:
+        raise click.UsageError("name OUT, or --preview for a contact sheet alone")
+    if out:
+        kind = kind_of(out, kind)
+        check_free(*Files.beside(out))
+    if preview:
+        check_free(preview)
+    simulation = simulation_from_options(scene, motion, **options)
+    if preview:
+        write_contact_sheet(simulation, preview)
+        click.echo(str(preview))
+    if out:
+        files = write_with_progress(simulation, out, kind)
+        for path in files:
+            click.echo(str(path))
+
+
+@main.command()
+@click.argument("recording", type=click.Path(path_type=Path))
+@click.option(
+    "--calibration",
+    "calibration_files",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="FILE",
+    help="Kalibr YAML, EuRoC sensor.yaml or its folder; repeat it for camera and IMU files.",
+)
+@click.option("--camera", metavar="NAME", help="Which of the calibration's cameras, such as cam0.")
+@click.option(
+    "--imu",
+    type=click.Choice(["d435i", "adis16448"]),
+    help="Take this sensor's typical IMU noise, where the calibration has none.",
+)
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Where the results go; by default results/<name>-<time>.",
+)
+@click.option("--ground-truth", metavar="FILE|TOPIC", help="To report errors against.")
+@click.option(
+    "--config",
+    "config_file",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Settings, YAML.",
+)
+@click.option("--set", "settings", multiple=True, metavar="SECTION.KEY=VALUE", help="One setting.")
+@click.option("--plots", is_flag=True, help="Draw pictures of the results.")
+@click.option("-v", "--verbose", is_flag=True, help="Say more: all warnings, stage timings.")
+@_recording_options
+def smooth(recording: Path, **options: Any) -> None:
+    r"""Estimate the metric trajectory and the lines of a RECORDING.
+
+    RECORDING is what `ruledgraph info` reads. The results folder gets trajectory.tum (smoothed) and
+    trajectory_live.tum, states.csv, lines.csv, summary.json and the config.yaml in effect.
+
+    \b
+    Examples:
+      ruledgraph smooth flight.bag --calibration calib.yaml
+      ruledgraph smooth MH_01_easy --output run1 --plots \
+          --ground-truth MH_01_easy/mav0/state_groundtruth_estimate0/data.csv
+      ruledgraph smooth flight.bag --calibration calib.yaml --set window.lag=2
+    """
+    from ruledgraph.smooth_command import smooth_command
+
+    smooth_command(recording, **options)

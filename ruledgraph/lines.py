@@ -56,7 +56,7 @@ class GraphLine:
     def inverse_distance(self) -> tuple[float, float]:
         """One over the distance from the anchor and its standard deviation, 1/m."""
         inverse, slope = self.chart.inverse_distance(self.delta)
-        return inverse, float(np.sqrt(max(slope @ self.covariance @ slope, 0.0)))
+        return inverse, float(np.sqrt(max(float(slope @ self.covariance @ slope), 0.0)))
 
     def extend(self, world_T_cam: gtsam.Pose3, points: FloatArray) -> None:
         """Take note of how far the line was seen, points (N, 2) being in order along it."""

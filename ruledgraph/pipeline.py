@@ -94,6 +94,7 @@ class Odometry:
         self._last_attempt = self._last_detection = self._last_lines = -np.inf
         self._state = gtsam.NavState()
         self._status: Status = "tracking"
+        self._last_status: Status = "tracking"
         self._ahead: gtsam.PreintegratedCombinedMeasurements | None = None
         self._ahead_until = 0.0
         self._live_by_stamp: dict[int, Estimate] = {}
@@ -144,6 +145,11 @@ class Odometry:
         self.window = None
 
     # -- output ----------------------------------------------------------------------------------
+
+    @property
+    def status(self) -> Status:
+        """Of the last frame."""
+        return self._last_status
 
     def take_live(self) -> list[Estimate]:
         """Estimates as known at each frame's time, since the last call."""
@@ -323,6 +329,7 @@ class Odometry:
         status = self._status
         if status == "tracking" and seen.time - self._last_lines > _LINES_MISSING:
             status = "dead reckoning"
+        self._last_status = status
         knot = window.newest
         estimate = Estimate(
             stamp=seen.stamp,

@@ -3,7 +3,6 @@
 """GTSAM's incremental fixed-lag smoother: the only module that touches it and its failures."""
 
 from collections.abc import Mapping
-from typing import SupportsFloat, SupportsIndex, SupportsInt
 
 import gtsam
 import numpy as np
@@ -36,7 +35,7 @@ class FixedLagSmoother:
         self,
         factors: gtsam.NonlinearFactorGraph,
         values: gtsam.Values,
-        times: Mapping[SupportsInt | SupportsIndex, SupportsFloat | SupportsIndex],
+        times: Mapping[int, float],
     ) -> gtsam.Values:
         """Add factors and variables, and the times of new and of refreshed variables.
 
@@ -44,7 +43,8 @@ class FixedLagSmoother:
             SmootherError: when GTSAM cannot solve the system or the estimate is not finite.
         """
         try:
-            self._smoother.update(factors, values, times)
+            # GTSAM's stub wants a mapping whose key type is exactly its own.
+            self._smoother.update(factors, values, times)  # type: ignore[arg-type]
             for _ in range(self._updates):
                 self._smoother.update()
             estimate = self._smoother.calculateEstimate()

@@ -1,0 +1,221 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pictures of a run: trajectory and lines, errors, image overlays, ruled surfaces."""
+
+import csv
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import cv2
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ruledgraph.evaluation import EvaluationError, alignment, matched
+from ruledgraph.ground_truth import GroundTruth
+from ruledgraph.measurements import Frame
+from ruledgraph.pipeline import Odometry
+from ruledgraph.sensors import CameraModel, FloatArray
+from ruledgraph.trajectory import Trajectory, read_tum
+
+# An overlay is kept this often, s, and so many at most: then every second one goes.
+_OVERLAY_INTERVAL, _MOST_OVERLAYS = 1.0, 12
+# Ruled surfaces are shown of so many lines over so long a stretch, s, from the first start.
+_SURFACES, _SURFACE_LENGTH, _SURFACE_POINTS = 8, 2.0, 25
+_COLORS = mpl.colormaps["tab20"]
+
+
+class Sketches:
+    """Collects what the pictures need while a run goes on, then draws them."""
+
+    def __init__(self, camera: CameraModel) -> None:
+        self._camera = camera
+        self._overlays: dict[int, NDArray[np.uint8]] = {}
+        self._interval = _OVERLAY_INTERVAL
+        self._last_overlay = 0
+        self._surfaces: dict[int, list[tuple[float, FloatArray]]] = defaultdict(list)
+        self._first: int | None = None
+
+    def watch(self, odometry: Odometry, frame: Frame) -> None:
+        """See the state after a frame."""
+        if odometry.window is None:
+            return
+        self._first = frame.stamp if self._first is None else self._first
+        tracks = [t for t in odometry.tracker.tracks if t.number in odometry.window.lines]
+        if (frame.stamp - self._first) * 1e-9 <= _SURFACE_LENGTH:
+            for track in tracks:
+                if track.misses == 0 and track.sightings:
+                    sighting = track.sightings[-1]
+                    time = (sighting.stamp - self._first) * 1e-9
+                    pixels = self._camera.distort(sighting.points).pixels
+                    self._surfaces[track.number].append((time, pixels))
+        if (frame.stamp - self._last_overlay) * 1e-9 >= self._interval:
+            self._last_overlay = frame.stamp
+            self._overlays[frame.stamp] = self._overlay(frame, odometry)
+            if len(self._overlays) > _MOST_OVERLAYS:
+                self._overlays = dict(list(self._overlays.items())[::2])
+                self._interval *= 2.0
+
+    def _overlay(self, frame: Frame, odometry: Odometry) -> NDArray[np.uint8]:
+        image = cv2.cvtColor(frame.image, cv2.COLOR_GRAY2BGR)
+        for track in odometry.tracker.tracks:
+            known = odometry.window is not None and track.number in odometry.window.lines
+            red, green, blue, _ = _COLORS(track.number % 20)
+            color = (255 * blue, 255 * green, 255 * red) if known else (160, 160, 160)
+            along = np.linspace(0.0, 1.0, 20)[:, None]
+            curve = self._camera.distort(
+                track.ends[0] + along * (track.ends[1] - track.ends[0])
+            ).pixels
+            fixed_point = np.rint(16.0 * curve).astype(np.int32)
+            cv2.polylines(image, [fixed_point], False, color, 1, cv2.LINE_AA, 4)
+            if track.misses == 0 and track.sightings:
+                for u, v in self._camera.distort(track.sightings[-1].points).pixels:
+                    cv2.circle(image, (round(u), round(v)), 1, color, -1)
+        return np.asarray(image, dtype=np.uint8)
+
+    def draw(self, output: Path, truth: GroundTruth | None) -> None:
+        """Write the PNGs into `output/plots`."""
+        folder = output / "plots"
+        folder.mkdir()
+        for stamp, image in self._overlays.items():
+            cv2.imwrite(str(folder / f"overlay_{stamp}.png"), image)
+        if self._surfaces:
+            _ruled_surfaces(self._surfaces).savefig(folder / "ruled_surfaces.png", dpi=120)
+        try:
+            trajectory = read_tum(output / "trajectory.tum")
+            live = read_tum(output / "trajectory_live.tum")
+        except Exception:  # noqa: BLE001 - without poses there is nothing to draw
+            return
+        with (output / "lines.csv").open(encoding="ascii") as file:
+            lines = list(csv.DictReader(file))
+        with (output / "states.csv").open(encoding="ascii") as file:
+            states = list(csv.DictReader(file))
+        _three_views(trajectory, lines, truth).savefig(folder / "trajectory.png", dpi=120)
+        _states(states, live, truth).savefig(folder / "states.png", dpi=120)
+        _directrices(trajectory, lines).savefig(folder / "directrices.png", dpi=120)
+
+
+def _ends(lines: list[dict[str, str]]) -> FloatArray:
+    numbers = [[float(line[f"{a}{end}"]) for end in (1, 2) for a in "xyz"] for line in lines]
+    return np.array(numbers).reshape(-1, 2, 3)
+
+
+def _three_views(
+    trajectory: Trajectory, lines: list[dict[str, str]], truth: GroundTruth | None
+) -> Figure:
+    figure = Figure(figsize=(15, 5.2), layout="constrained")
+    true_positions = None
+    if truth is not None:
+        try:
+            kept, known = matched(trajectory, truth)
+        except EvaluationError:
+            pass
+        else:
+            A = alignment(known.positions, kept.positions)
+            true_positions = known.positions @ A[:3, :3].T + A[:3, 3]
+    ends = _ends(lines)
+    centre = trajectory.positions.mean(axis=0)
+    near = np.all(np.linalg.norm(ends - centre, axis=2) < 15.0, axis=1) if len(ends) else []
+    for i, (a, b, name) in enumerate(((0, 1, "top"), (0, 2, "side"), (1, 2, "front"))):
+        axes = figure.add_subplot(1, 3, i + 1)
+        for pair in ends[near] if len(ends) else []:
+            axes.plot(pair[:, a], pair[:, b], color="0.7", linewidth=0.8)
+        if true_positions is not None:
+            axes.plot(true_positions[:, a], true_positions[:, b], "k--", label="ground truth")
+        path = trajectory.positions
+        axes.plot(path[:, a], path[:, b], color="tab:blue", label="smoothed")
+        axes.plot(*path[0, [a, b]], "o", color="tab:green", label="start")
+        axes.set(xlabel=f"{'xyz'[a]} (m)", ylabel=f"{'xyz'[b]} (m)", title=f"from the {name}")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.grid(alpha=0.3)
+    axes.legend(loc="upper right")
+    return figure
+
+
+def _states(states: list[dict[str, str]], live: Trajectory, truth: GroundTruth | None) -> Figure:
+    """Position errors with 3 sigma when there is ground truth, and velocity and biases."""
+    figure = Figure(figsize=(13, 11), layout="constrained")
+
+    def column(name: str) -> FloatArray:
+        return np.array([float(row[name]) for row in states])
+
+    seconds = column("stamp") - live.stamps[0] * 1e-9
+    rows = 4 if truth is not None else 3
+    kinds: list[tuple[str, str, float]] = [
+        ("velocity", "m/s", 1.0),
+        ("gyroscope_bias", "rad/s", 1.0),
+        ("accelerometer_bias", "m/s^2", 1.0),
+    ]
+    for row, (kind, unit, scale) in enumerate(kinds):
+        for i, axis in enumerate("xyz"):
+            axes = figure.add_subplot(rows, 3, 3 * row + i + 1)
+            value, sigma = column(f"{kind}_{axis}"), column(f"sigma_{kind}_{axis}")
+            axes.fill_between(
+                seconds, value - 3 * sigma, value + 3 * sigma, color="tab:blue", alpha=0.2
+            )
+            axes.plot(seconds, scale * value, color="tab:blue")
+            axes.set(title=f"{kind.replace('_', ' ')} {axis}", ylabel=unit)
+            axes.grid(alpha=0.3)
+    if truth is not None:
+        try:
+            kept, known = matched(live, truth)
+        except EvaluationError:
+            return figure
+        A = alignment(kept.positions, known.positions)
+        error = kept.positions @ A[:3, :3].T + A[:3, 3] - known.positions
+        time = (kept.stamps - live.stamps[0]) * 1e-9
+        spread = np.sqrt(sum(column(f"sigma_position_{axis}") ** 2 for axis in "xyz"))
+        for i, axis in enumerate("xyz"):
+            axes = figure.add_subplot(rows, 3, 10 + i)
+            axes.fill_between(seconds, -3 * spread, 3 * spread, color="tab:orange", alpha=0.2)
+            axes.plot(time, error[:, i], color="tab:orange")
+            limit = 1.2 * float(np.abs(error).max()) + 1e-6
+            axes.set(title=f"position error {axis}, live, aligned", ylabel="m", xlabel="s")
+            axes.set_ylim(-limit, limit)
+            axes.grid(alpha=0.3)
+    return figure
+
+
+def _ruled_surfaces(surfaces: dict[int, list[tuple[float, FloatArray]]]) -> Figure:
+    """Lines in image-time space: the paper's figure 2."""
+    figure = Figure(figsize=(9, 7), layout="constrained")
+    axes: Any = figure.add_subplot(projection="3d")
+    longest = sorted(surfaces, key=lambda number: -len(surfaces[number]))[:_SURFACES]
+    for i, number in enumerate(longest):
+        for time, pixels in surfaces[number]:
+            some = pixels[:: max(1, len(pixels) // _SURFACE_POINTS)]
+            axes.plot(
+                np.full(len(some), time), some[:, 0], -some[:, 1], color=_COLORS(i), linewidth=0.6
+            )
+    axes.set(xlabel="time (s)", ylabel="u (px)", zlabel="-v (px)", title="ruled surfaces")
+    return figure
+
+
+def _directrices(trajectory: Trajectory, lines: list[dict[str, str]]) -> Figure:
+    """The point of each line next to the body, and its direction, with the body's first
+    orientation: X0 and V0 of the paper, over time.
+    """
+    figure = Figure(figsize=(13, 7), layout="constrained")
+    first_R_world = trajectory.poses()[0].rotation().matrix().T
+    spans = [(float(line["first_seen"]), float(line["last_seen"])) for line in lines]
+    order = np.argsort([first - last for first, last in spans])[:_SURFACES]
+    ends = _ends(lines)
+    seconds = trajectory.stamps * 1e-9
+    grid = [[figure.add_subplot(2, 3, 3 * row + i + 1) for i in range(3)] for row in range(2)]
+    for color, j in enumerate(order):
+        inside = (seconds >= spans[j][0]) & (seconds <= spans[j][1])
+        direction = ends[j, 1] - ends[j, 0]
+        direction = direction / np.linalg.norm(direction)
+        offset = ends[j, 0] - trajectory.positions[inside]
+        foot = offset - np.outer(offset @ direction, direction)
+        time = seconds[inside] - seconds[0]
+        for i in range(3):
+            grid[0][i].plot(time, (foot @ first_R_world.T)[:, i], color=_COLORS(color))
+            ruling = np.full(len(time), (first_R_world @ direction)[i])
+            grid[1][i].plot(time, ruling, color=_COLORS(color))
+    for i, axis in enumerate("xyz"):
+        grid[0][i].set(title=f"directrix {axis}", ylabel="m")
+        grid[1][i].set(title=f"ruling direction {axis}", xlabel="s")
+    return figure

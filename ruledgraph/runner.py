@@ -1,0 +1,171 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""A whole recording through the odometry, with everything written down."""
+
+import time as clock
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ruledgraph.config import Config
+from ruledgraph.errors import RuledgraphError
+from ruledgraph.evaluation import accuracy
+from ruledgraph.ground_truth import GroundTruth
+from ruledgraph.measurements import Frame, Measurement
+from ruledgraph.pipeline import Odometry
+from ruledgraph.results import Results
+from ruledgraph.sensors import Calibration
+from ruledgraph.trajectory import read_tum
+
+# Warnings listed in the summary; the rest are counted.
+_MOST_WARNINGS = 50
+
+
+@dataclass
+class Progress:
+    """How far a run is."""
+
+    frames: int
+    seconds: float
+    """Of the recording."""
+    lines: int
+    status: str
+
+
+@dataclass
+class _Tally:
+    frames: int = 0
+    first_stamp: int | None = None
+    last_stamp: int = 0
+    estimates: int = 0
+    lines: int = 0
+    lines_in_view: int = 0
+    statuses: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def seconds(self) -> float:
+        return 0.0 if self.first_stamp is None else (self.last_stamp - self.first_stamp) * 1e-9
+
+
+def run(
+    measurements: Iterable[Measurement],
+    calibration: Calibration,
+    config: Config,
+    output: Path,
+    *,
+    ground_truth: GroundTruth | None = None,
+    warnings: Callable[[], list[str]] = list,
+    watch: Callable[[Odometry, Frame], None] | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> dict[str, Any]:
+    """Smooth a recording and write its results; what was computed stays, however it ends.
+
+    Args:
+        measurements: a recording's or a simulation's `stream()`.
+        calibration: of camera and IMU.
+        config: all settings.
+        output: folder for the results, see `Results`.
+        ground_truth: to compare with at the end.
+        warnings: asked at the end for what the recording's reader has to say.
+        watch: sees the odometry after each frame.
+        on_progress: called after each frame.
+
+    Returns:
+        What `summary.json` holds.
+
+    Raises:
+        RuledgraphError: for a recording that holds nothing to work on; results are in `output`.
+    """
+    odometry = Odometry(calibration, config)
+    tally = _Tally()
+    ended = "complete"
+    started = clock.perf_counter()
+    with Results(output, config) as results:
+        try:
+            for measurement in measurements:
+                odometry.add(measurement)
+                if isinstance(measurement, Frame):
+                    _hand_over(odometry, results, tally, measurement)
+                    if watch is not None:
+                        watch(odometry, measurement)
+                    if on_progress is not None:
+                        on_progress(_progress(odometry, tally))
+        except KeyboardInterrupt:
+            ended = "interrupted"
+        except RuledgraphError as error:
+            ended = str(error)
+            raise
+        finally:
+            odometry.finish()
+            _hand_over(odometry, results, tally, None)
+            elapsed = clock.perf_counter() - started
+            lines = [*warnings(), *odometry.warnings]
+            summary = _summary(odometry, tally, elapsed, lines, ended)
+            if ground_truth is not None and tally.estimates:
+                summary["accuracy"] = _accuracy(output, ground_truth)
+            results.summarize(summary)
+    return summary
+
+
+def _hand_over(odometry: Odometry, results: Results, tally: _Tally, frame: Frame | None) -> None:
+    live, lines = odometry.take_live(), odometry.take_lines()
+    results.write(live, odometry.take_smoothed(), lines)
+    if frame is not None:
+        tally.frames += 1
+        tally.first_stamp = frame.stamp if tally.first_stamp is None else tally.first_stamp
+        tally.last_stamp = frame.stamp
+    tally.estimates += len(live)
+    tally.lines += len(lines)
+    tally.lines_in_view += sum(estimate.lines for estimate in live)
+    tally.statuses.update(estimate.status for estimate in live)
+
+
+def _progress(odometry: Odometry, tally: _Tally) -> Progress:
+    window = odometry.window
+    status = "waiting for a start" if window is None else odometry.status
+    return Progress(tally.frames, tally.seconds, 0 if window is None else len(window.lines), status)
+
+
+def _summary(
+    odometry: Odometry, tally: _Tally, elapsed: float, warnings: list[str], ended: str
+) -> dict[str, Any]:
+    if not tally.estimates:
+        warnings.append("the odometry never started")
+    stages = {
+        stage: {
+            "count": len(times),
+            "mean_ms": 1e3 * float(np.mean(times)),
+            "p99_ms": 1e3 * float(np.quantile(times, 0.99)),
+            "max_ms": 1e3 * max(times),
+        }
+        for stage, times in odometry.timings.items()
+    }
+    return {
+        "ended": ended,
+        "recording_s": tally.seconds,
+        "wall_s": elapsed,
+        "real_time_factor": tally.seconds / elapsed if elapsed > 0.0 else 0.0,
+        "frames": tally.frames,
+        "frames_estimated": tally.estimates,
+        "status": dict(tally.statuses),
+        "lines": tally.lines,
+        "lines_in_view": tally.lines_in_view / max(tally.estimates, 1),
+        "recoveries": odometry.recoveries,
+        "warnings": warnings[:_MOST_WARNINGS],
+        "warnings_left_off": max(0, len(warnings) - _MOST_WARNINGS),
+        "stages": stages,
+    }
+
+
+def _accuracy(output: Path, ground_truth: GroundTruth) -> dict[str, Any]:
+    def of(name: str) -> dict[str, Any]:
+        try:
+            return asdict(accuracy(read_tum(output / f"{name}.tum"), ground_truth))
+        except RuledgraphError as error:
+            return {"error": str(error)}
+
+    return {name: of(name) for name in ("trajectory_live", "trajectory")}

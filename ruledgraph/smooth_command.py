@@ -1,0 +1,161 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""`ruledgraph smooth`: finds what it needs, runs it, and says what came of it."""
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
+
+from ruledgraph.calibration import TYPICAL_IMU_NOISE, CalibrationError, read_calibration
+from ruledgraph.config import load_config
+from ruledgraph.ground_truth import read_ground_truth
+from ruledgraph.recording import Recording, open_recording
+from ruledgraph.runner import Progress as RunProgress
+from ruledgraph.runner import run
+from ruledgraph.sensors import Calibration
+
+_FEW_WARNINGS = 5
+
+
+def smooth_command(
+    recording: Path,
+    *,
+    calibration_files: Sequence[Path],
+    camera: str | None,
+    imu: str | None,
+    output: Path | None,
+    ground_truth: str | None,
+    config_file: Path | None,
+    settings: Sequence[str],
+    plots: bool,
+    verbose: bool,
+    **choice: Any,
+) -> None:
+    """See `ruledgraph smooth --help`."""
+    config = load_config(config_file, settings)
+    source = open_recording(recording, **choice)
+    calibration = _calibration(source, recording, calibration_files, camera, imu)
+    truth = read_ground_truth(ground_truth, source) if ground_truth else None
+    if output is None:
+        time = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
+        output = Path("results") / f"{recording.resolve().stem}-{time}"
+    sketches = None
+    if plots:
+        from ruledgraph.plots import Sketches
+
+        sketches = Sketches(calibration.camera)
+    cropped = choice["start"] is not None or choice["duration"] is not None
+    frames = None if cropped else _frame_count(source)
+    with _progress_bar(frames) as show:
+        summary = run(
+            source.stream(),
+            calibration,
+            config,
+            output,
+            ground_truth=truth,
+            warnings=lambda: source.report.warnings,
+            watch=sketches.watch if sketches else None,
+            on_progress=show,
+        )
+    if sketches is not None:
+        sketches.draw(output, truth)
+    _tell(summary, output, verbose)
+
+
+def _calibration(
+    source: Recording, recording: Path, files: Sequence[Path], camera: str | None, imu: str | None
+) -> Calibration:
+    paths = list(files)
+    if not paths:
+        if source.kind != "asl":
+            raise CalibrationError(
+                f"{recording}: no calibration; pass --calibration FILE, such as Kalibr's camchain "
+                "with T_cam_imu"
+            )
+        paths = [recording]
+    noise = TYPICAL_IMU_NOISE[imu] if imu else None
+    topic = source.image_topic
+    return read_calibration(
+        *paths, camera=camera, image_topic=topic.name if topic else None, imu_noise=noise
+    )
+
+
+def _frame_count(source: Recording) -> int | None:
+    return source.image_topic.message_count if source.image_topic else None
+
+
+@contextmanager
+def _progress_bar(total: int | None) -> Iterator[Callable[[RunProgress], None] | None]:
+    """A bar on a terminal, nothing elsewhere."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TaskProgressColumn(show_speed=True),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[lines]} lines"),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("smoothing", total=total, lines=0)
+
+        def show(state: RunProgress) -> None:
+            bar.update(task, completed=state.frames, lines=state.lines, description=state.status)
+
+        yield show
+
+
+def _tell(summary: dict[str, Any], output: Path, verbose: bool) -> None:
+    if summary["ended"] == "interrupted":
+        click.echo("interrupted: the results up to here are written", err=True)
+    warnings = summary["warnings"]
+    for warning in warnings if verbose else warnings[:_FEW_WARNINGS]:
+        click.echo(f"warning: {warning}", err=True)
+    rest = summary["warnings_left_off"] + (0 if verbose else len(warnings) - _FEW_WARNINGS)
+    if rest > 0:
+        click.echo(f"warning: and {rest} more, see {output / 'summary.json'}", err=True)
+    click.echo(
+        f"{summary['frames_estimated']} of {summary['frames']} frames estimated, "
+        f"{summary['lines']} lines, {len(summary['recoveries'])} recoveries; "
+        f"{summary['recording_s']:.1f} s took {summary['wall_s']:.1f} s"
+    )
+    off = {k: n for k, n in summary["status"].items() if k == "dead reckoning"}
+    for status, count in off.items():
+        click.echo(f"{count} frames by {status}: the IMU alone carried them")
+    for name, found in summary.get("accuracy", {}).items():
+        click.echo(f"{name}: {_accuracy_text(found)}")
+    if verbose:
+        for stage, times in summary["stages"].items():
+            click.echo(
+                f"{stage}: {times['count']} x {times['mean_ms']:.1f} ms, p99 "
+                f"{times['p99_ms']:.1f} ms, max {times['max_ms']:.1f} ms"
+            )
+    click.echo(f"results: {output}")
+
+
+def _accuracy_text(found: dict[str, Any]) -> str:
+    if "error" in found:
+        return str(found["error"])
+    text = (
+        f"ATE {1e3 * found['ate_rmse']:.1f} mm RMSE, {1e3 * found['ate_max']:.1f} mm at most, "
+        f"over {found['path_length']:.1f} m"
+    )
+    if found["rpe_rmse"] is not None:
+        text += f"; RPE {1e3 * found['rpe_rmse']:.1f} mm per metre"
+    return text
