@@ -31,9 +31,11 @@ class _Group(click.Group):
 
 def _print_version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
     if wanted:
+        from ruledgraph_factors import active_kernel
+
         click.echo(
-            f"ruledgraph {__version__} (gtsam {version('gtsam')}, numpy {version('numpy')}, "
-            f"Python {platform.python_version()})"
+            f"ruledgraph {__version__} ({active_kernel()} kernel, gtsam {version('gtsam')}, "
+            f"numpy {version('numpy')}, Python {platform.python_version()})"
         )
         context.exit()
 
@@ -45,7 +47,7 @@ def _print_version(context: click.Context, _option: click.Parameter, wanted: boo
     is_eager=True,
     expose_value=False,
     callback=_print_version,
-    help="Show the versions of ruledgraph, gtsam, numpy and Python.",
+    help="Show the version, the kernel of the factors, and the versions of gtsam, numpy and Python.",
 )
 def main() -> None:
     """Line-based visual-inertial odometry as a GTSAM backend."""

@@ -53,7 +53,9 @@ ensure_venv() {
             quietly "$python" -m venv --clear .venv
         fi
     fi
-    wanted="Python $version, $PWD, pyproject.toml $(cksum <pyproject.toml)"
+    # All that decides what is installed: the project's data and the sources of the native kernel.
+    wanted=$(cat pyproject.toml factors/CMakeLists.txt factors/src/* factors/include/*/* | cksum)
+    wanted="Python $version, $PWD, sources $wanted"
     if [[ -f $stamp && $(<"$stamp") == "$wanted"*"$extra" ]]; then
         return
     fi
@@ -63,4 +65,5 @@ ensure_venv() {
     .venv/bin/python -m pip --version >/dev/null 2>&1 || quietly .venv/bin/python -m ensurepip
     quietly .venv/bin/python -m pip --disable-pip-version-check install --editable ".$extra"
     echo "$wanted $extra" >"$stamp"
+    echo "Installed $(.venv/bin/ruledgraph --version)"
 }

@@ -14,6 +14,7 @@ from ruledgraph_factors.factor import (
     ruled_surface_pose_factor,
 )
 from ruledgraph_factors.first_window import LineTrack, WindowSolution, solve_first_window
+from ruledgraph_factors.kernel import active_kernel
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.motion import (
     STANDARD_GRAVITY,
@@ -41,6 +42,7 @@ __all__ = [
     "RuledSurfaceFactor",
     "RuledSurfaceSpec",
     "WindowSolution",
+    "active_kernel",
     "bin_points",
     "line_from_ruling",
     "preintegrate_frames",

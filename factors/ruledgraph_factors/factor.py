@@ -7,16 +7,20 @@ One function for each set of variables; the type of `points` chooses the residua
 first, right perturbation), so that they stand beside native factors in any graph.
 """
 
+from collections.abc import Callable
+from typing import TypeAlias
+
 import gtsam
 import numpy as np
 from gtsam import noiseModel
 from numpy.typing import ArrayLike
 
 from ruledgraph_factors.errors import FactorError
+from ruledgraph_factors.kernel import active_kernel, native
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.motion import STANDARD_GRAVITY, FrameMotion
 from ruledgraph_factors.observations import CompressedPoints, IndividualPoints
-from ruledgraph_factors.ruled_surface import Geometry, Residual, State
+from ruledgraph_factors.ruled_surface import COLUMNS, Geometry, Residual, State
 from ruledgraph_factors.spec import Form, RuledSurfaceSpec
 from ruledgraph_factors.validation import FloatArray, positive_number
 
@@ -24,6 +28,7 @@ Points = CompressedPoints | IndividualPoints
 
 _POSE, _VELOCITY, _BIAS = slice(0, 6), slice(6, 9), slice(9, 15)
 _GRAVITY, _LINE = slice(15, 18), slice(18, 22)
+_NO_VELOCITY, _NO_BIAS = np.zeros(3), np.zeros(6)
 # The columns of the residual's Jacobian that belong to each key.
 _COLUMNS: dict[Form, tuple[slice, ...]] = {
     "knot": (_POSE, _VELOCITY, _BIAS, _LINE),
@@ -33,12 +38,52 @@ _COLUMNS: dict[Form, tuple[slice, ...]] = {
 }
 
 
-def evaluate(geometry: Geometry, points: Points, state: State, want_jacobian: bool) -> Residual:
-    """All the arithmetic of a factor: constant arrays and a state in, residual arrays out.
+Evaluate: TypeAlias = Callable[[State, bool], Residual]
+"""All the arithmetic of a factor: its residual at a state, with the Jacobian if asked for."""
 
-    A native kernel has this one function to replace.
-    """
-    return points.residual(geometry.line_in_cameras(state, want_jacobian))
+
+def evaluation(spec: RuledSurfaceSpec) -> Evaluate:
+    """The arithmetic of the factor that `spec` describes, by the active kernel."""
+    return _in_native(spec) if active_kernel() == "native" else _in_numpy(spec)
+
+
+def _in_numpy(spec: RuledSurfaceSpec) -> Evaluate:
+    geometry = Geometry(spec.chart, spec.motion, spec.body_T_cam)
+
+    def evaluate(state: State, want_jacobian: bool) -> Residual:
+        return spec.points.residual(geometry.line_in_cameras(state, want_jacobian))
+
+    return evaluate
+
+
+def _in_native(spec: RuledSurfaceSpec) -> Evaluate:
+    chart, motion, points = spec.chart, spec.motion, spec.points
+    geometry = native.Geometry(
+        chart.world_T_anchor.matrix(),
+        chart.basis,
+        chart.angle,
+        spec.body_T_cam.matrix(),
+        motion.elapsed,
+        motion.preintegrated,
+        motion.bias_jacobian,
+        motion.bias,
+    )
+    surface: native.GeometricSurface | native.ReprojectionSurface
+    if isinstance(points, CompressedPoints):
+        surface = native.GeometricSurface(geometry, points.statistics)
+    else:
+        surface = native.ReprojectionSurface(
+            geometry, points.points, points.sqrt_weights, points.frame
+        )
+    rows = points.rows
+
+    def evaluate(state: State, want_jacobian: bool) -> Residual:
+        value = np.empty(rows)
+        jacobian = np.empty((rows, COLUMNS), order="F") if want_jacobian else None
+        surface.evaluate(*state, value, jacobian)
+        return Residual(value, jacobian)
+
+    return evaluate
 
 
 class RuledSurfaceFactor(gtsam.CustomFactor):
@@ -78,41 +123,37 @@ class _ErrorFunction:
 
     def __init__(self, spec: RuledSurfaceSpec) -> None:
         self._form = spec.form
-        self._points = spec.points
+        self._columns = _COLUMNS[spec.form]
         self._gravity = spec.gravity
         self._magnitude = float(np.linalg.norm(spec.gravity))
-        self._geometry = Geometry(spec.chart, spec.motion, spec.body_T_cam)
+        self._evaluate = evaluation(spec)
 
     def __call__(
         self, this: gtsam.CustomFactor, values: gtsam.Values, H: list[FloatArray] | None
     ) -> FloatArray:
         keys = this.keys()
-        pose = values.atPose3(keys[0])
-        velocity, bias, gravity = np.zeros(3), np.zeros(6), self._gravity
-        by_gravity = np.eye(3)
+        velocity, bias, gravity = _NO_VELOCITY, _NO_BIAS, self._gravity
+        by_direction = None
         if self._form != "pose":
             velocity = _vector(values, keys[1], 3)
             bias = values.atConstantBias(keys[2]).vector()
         if self._form == "knot_gravity_direction":
             direction = values.atUnit3(keys[3])
             gravity = self._magnitude * direction.unitVector()
-            by_gravity = self._magnitude * direction.basis()
+            by_direction = self._magnitude * direction.basis()
         elif self._form == "knot_gravity_vector":
             gravity = _vector(values, keys[3], 3)
         state = State(
-            pose.rotation().matrix(),
-            pose.translation(),
-            velocity,
-            bias,
-            gravity,
-            _vector(values, keys[-1], 4),
+            values.atPose3(keys[0]).matrix(), velocity, bias, gravity, _vector(values, keys[-1], 4)
         )
-        residual = evaluate(self._geometry, self._points, state, want_jacobian=H is not None)
-        if H is not None and residual.jacobian is not None:
-            for i, block in enumerate(_COLUMNS[self._form]):
-                part = residual.jacobian[:, block]
-                H[i] = np.asfortranarray(part @ by_gravity if block is _GRAVITY else part)
-        return residual.value
+        value, jacobian = self._evaluate(state, H is not None)
+        if H is not None and jacobian is not None:
+            for i, columns in enumerate(self._columns):
+                block = jacobian[:, columns]
+                if columns is _GRAVITY and by_direction is not None:
+                    block = block @ by_direction
+                H[i] = np.asfortranarray(block)
+        return value
 
 
 def _vector(values: gtsam.Values, key: int, size: int) -> FloatArray:

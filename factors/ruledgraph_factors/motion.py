@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ruledgraph_factors.errors import FactorError
+from ruledgraph_factors.kernel import active_kernel, native
 from ruledgraph_factors.so3 import (
     exp_and_right_jacobian,
     hat,
@@ -100,6 +101,14 @@ class ImuSamples:
         Raises:
             FactorError: when [start, stop] reaches outside the samples.
         """
+        breaks, force, rate = self._segment_arrays(start, stop, at, _bias_vector(bias))
+        for segment in zip(force, rate, np.diff(breaks).tolist(), strict=True):
+            yield ImuSegment(*segment)
+
+    def _segment_arrays(
+        self, start: float, stop: float, at: ArrayLike, b: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Breaks (n + 1,), accelerometer (n, 3) and gyroscope (n, 3) of the n `segments`."""
         start, stop = number("start", start), number("stop", stop)
         if stop < start:
             raise FactorError(f"stop = {stop:.9f} s lies before start = {start:.9f} s")
@@ -109,7 +118,6 @@ class ImuSamples:
                 f"but {start:.9f} to {stop:.9f} s is asked for"
             )
         start, stop = np.clip([start, stop], self.times[0], self.times[-1]).tolist()
-        b = _bias_vector(bias)
         first, last = np.searchsorted(self.times, [start, stop], side="right")
         used = slice(first - 1, last + 1)
         times = self.times[used]
@@ -121,8 +129,7 @@ class ImuSamples:
         rate = _midpoints(breaks, times, self.gyroscope[used])
         half_turn, _ = exp_and_right_jacobian(0.5 * lengths[:, None] * (rate - b[3:]))
         force = np.einsum("nij,nj->ni", half_turn, force - b[:3]) + b[:3]
-        for segment in zip(force, rate, lengths.tolist(), strict=True):
-            yield ImuSegment(*segment)
+        return breaks, force, rate
 
 
 def _bias_vector(bias: gtsam.imuBias.ConstantBias | None) -> FloatArray:
@@ -295,36 +302,54 @@ def preintegrate_frames(
         )
     times = np.maximum(times, knot_time)
     bias_vector = _bias_vector(bias)
-    preintegrated = np.zeros((times.size, 9))
-    bias_jacobian = np.zeros((times.size, 9, 6))
-    state, jacobian = np.zeros(9), np.zeros((9, 6))
-    start = knot_time
-    for i, stop in enumerate(times):
-        for segment in imu.segments(start, float(stop), bias=bias):
-            state, jacobian = _integrate(state, jacobian, segment, bias_vector)
-            if state[:3] @ state[:3] > np.pi**2:
-                raise FactorError(
-                    f"frame_times: the body turns by more than half a turn from {knot_time:.3f} s "
-                    f"to {stop:.3f} s; put a knot in between"
-                )
-        preintegrated[i], bias_jacobian[i] = state, jacobian
-        start = float(stop)
-    return FrameMotion(times - knot_time, preintegrated, bias_jacobian, bias_vector)
+    breaks, force, rate = imu._segment_arrays(knot_time, float(times[-1]), times, bias_vector)
+    deltas, jacobians = np.empty((breaks.size, 9)), np.empty((breaks.size, 9, 6))
+    integrate = native.integrate if active_kernel() == "native" else integrate_in_numpy
+    last = integrate(
+        force - bias_vector[:3], rate - bias_vector[3:], np.diff(breaks), deltas, jacobians
+    )
+    if deltas[last, :3] @ deltas[last, :3] > np.pi**2:
+        raise FactorError(
+            f"frame_times: the body turns by more than half a turn from {knot_time:.3f} s "
+            f"to {breaks[last]:.3f} s; put a knot in between"
+        )
+    at_frames = np.searchsorted(breaks, np.minimum(times, breaks[-1]))
+    return FrameMotion(times - knot_time, deltas[at_frames], jacobians[at_frames], bias_vector)
+
+
+def integrate_in_numpy(
+    force: FloatArray, rate: FloatArray, dt: FloatArray, delta: FloatArray, d_bias: FloatArray
+) -> int:
+    """Preintegrate n segments; the reference of `_native.integrate`.
+
+    Args:
+        force: accelerometer without bias, (n, 3), m/s^2.
+        rate: gyroscope without bias, (n, 3), rad/s.
+        dt: lengths of the segments, (n,), s.
+        delta: written, (theta, dp, dv) before the first segment and after each, (n + 1, 9).
+        d_bias: written, its derivative by the bias, (n + 1, 9, 6).
+
+    Returns:
+        The last state written: n, or the first where the body has turned by more than pi.
+    """
+    delta[0], d_bias[0] = 0.0, 0.0
+    for i, segment in enumerate(zip(force, rate, dt.tolist(), strict=True)):
+        if delta[i, :3] @ delta[i, :3] > np.pi**2:
+            return i
+        delta[i + 1], d_bias[i + 1] = _integrate(delta[i], d_bias[i], *segment)
+    return len(dt)
 
 
 def _integrate(
-    state: FloatArray, jacobian: FloatArray, segment: ImuSegment, bias: FloatArray
+    delta: FloatArray, d_bias: FloatArray, force: FloatArray, rate: FloatArray, dt: float
 ) -> tuple[FloatArray, FloatArray]:
     """One Euler step of (theta, dp, dv) and of its derivative by the bias."""
-    theta, position, velocity = state[:3], state[3:6], state[6:]
-    dt = segment.dt
-    force = segment.accelerometer - bias[:3]
-    rate = segment.gyroscope - bias[3:]
+    theta, position, velocity = delta[:3], delta[3:6], delta[6:]
     rotation, right_jacobian = exp_and_right_jacobian(theta)
     inverse_jacobian = inverse_right_jacobian(theta)
     acceleration = rotation @ force
 
-    d_theta, d_position, d_velocity = jacobian[:3], jacobian[3:6], jacobian[6:]
+    d_theta, d_position, d_velocity = d_bias[:3], d_bias[3:6], d_bias[6:]
     d_acceleration = -rotation @ hat(force) @ right_jacobian @ d_theta
     d_acceleration[:, :3] -= rotation
     d_rate = inverse_right_jacobian_action_derivative(theta, rate) @ d_theta

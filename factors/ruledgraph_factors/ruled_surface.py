@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The arithmetic of the point-to-ruled-surface residuals: arrays in, arrays out.
 
+This is the reference; `factors/include/ruledgraph/ruled_surface.hpp` computes the same natively.
+
 For every frame of an interval the line is brought into the camera,
 
     m = R_c^T (m_w - p_c x v_w),    d = R_c^T v_w / |v_w|,
@@ -40,14 +42,18 @@ _AXIS_HATS = hat(np.eye(3)[:2])
 
 
 class State(NamedTuple):
-    """What a factor depends on; see `FrameMotion.predict` for the first five."""
+    """What a factor depends on."""
 
-    rotation: FloatArray
-    position: FloatArray
+    world_T_body: FloatArray
+    """Pose of the knot, (4, 4)."""
     velocity: FloatArray
+    """Of the body in the world, (3,), m/s."""
     bias: FloatArray
+    """Accelerometer and gyroscope, (6,)."""
     gravity: FloatArray
+    """In the world, (3,), m/s^2."""
     line: FloatArray
+    """Delta of the chart, (4,)."""
 
 
 class CameraLine(NamedTuple):
@@ -85,7 +91,14 @@ class Geometry:
 
     def line_in_cameras(self, state: State, want_jacobian: bool) -> CameraLine:
         """The line in every frame's camera."""
-        frames = self.motion.predict(*state[:5], want_jacobian=want_jacobian)
+        frames = self.motion.predict(
+            state.world_T_body[:3, :3],
+            state.world_T_body[:3, 3],
+            state.velocity,
+            state.bias,
+            state.gravity,
+            want_jacobian,
+        )
         u, phi, right_jacobian = self.chart.frame(state.line)
         cosine, sine = float(np.cos(phi)), float(np.sin(phi))
         normal, along, _ = (self.world_R_anchor @ u).T

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from importlib.metadata import version
 
+from ruledgraph_factors import active_kernel
+
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
@@ -26,8 +28,8 @@ def test_version_names_what_results_depend_on() -> None:
     result = run("--version")
     assert (result.returncode, result.stderr) == (0, "")
     assert result.stdout == (
-        f"ruledgraph {version('ruledgraph')} (gtsam {version('gtsam')}, "
-        f"numpy {version('numpy')}, Python {platform.python_version()})\n"
+        f"ruledgraph {version('ruledgraph')} ({active_kernel()} kernel, "
+        f"gtsam {version('gtsam')}, numpy {version('numpy')}, Python {platform.python_version()})\n"
     )
 
 

@@ -1,0 +1,269 @@
+// SPDX-FileCopyrightText: The ruledgraph developers
+// SPDX-License-Identifier: BSD-3-Clause
+//
+// The point-to-ruled-surface residuals and their Jacobians; needs Eigen alone.
+//
+// The native version of `ruledgraph_factors/ruled_surface.py`, which says what is computed and
+// stays the reference: same equations, same names, same behaviour at degenerate geometry. The
+// columns of a Jacobian are GTSAM's tangents of pose (rotation first, right perturbation),
+// velocity, bias (accelerometer, gyroscope), gravity and line.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "ruledgraph/so3.hpp"
+
+namespace ruledgraph {
+
+using Vector6 = Eigen::Matrix<double, 6, 1>;
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
+
+constexpr int kColumns = 22;
+constexpr int kPose = 0, kVelocity = 6, kBias = 9, kGravity = 15, kLine = 18;
+
+constexpr double kNoRuling = 1e-9;
+constexpr double kBehindCameraResidual = 2.0;
+constexpr double kNegligibleDepth = 1e-9;
+constexpr double kEndOn = 1e-18;
+
+/// What a factor depends on.
+struct State {
+  Matrix3 rotation;  ///< world_R_body of the knot
+  Vector3 position;
+  Vector3 velocity;
+  Vector6 bias;
+  Vector3 gravity;
+  Eigen::Vector4d line;
+};
+
+/// The constants of the line variable.
+struct LineChart {
+  Matrix3 world_R_anchor;
+  Vector3 world_t_anchor;
+  Matrix3 basis;
+  double angle;
+};
+
+/// Preintegrated motion from the knot to one frame.
+struct FrameMotion {
+  double elapsed;
+  Vector6 preintegrated;  ///< (theta, dp) at the bias integrated with
+  Matrix6 bias_jacobian;  ///< its derivative by the bias
+};
+
+/// The line of one state, in the world.
+struct WorldLine {
+  Vector3 normal, along;
+  double cosine, sine;
+  Matrix3 d_normal, d_along;  ///< by the first three of the line's coordinates
+};
+
+/// The line in one camera, up to the common scale of its unit Pluecker pair.
+struct CameraLine {
+  Vector3 moment;
+  Vector3 direction;                                         ///< unit
+  Eigen::Matrix<double, 3, kColumns> d_moment, d_direction;  ///< only when asked for
+};
+
+/// The constants that bring a line into the cameras of an interval.
+class Geometry {
+ public:
+  /// `bias` is the one that all of `frames` were integrated with.
+  Geometry(LineChart chart, const Matrix3& body_R_cam, const Vector3& body_t_cam,
+           std::vector<FrameMotion> frames, const Vector6& bias)
+      : chart_(std::move(chart)),
+        cam_R_body_(body_R_cam.transpose()),
+        body_t_cam_(body_t_cam),
+        frames_(std::move(frames)),
+        bias_(bias) {}
+
+  std::size_t frames() const { return frames_.size(); }
+
+  WorldLine line_in_world(const State& state) const {
+    const Exponential turn = exponential(state.line.head<3>());
+    const double phi = chart_.angle + state.line[3];
+    const Matrix3 world_R_line = chart_.world_R_anchor * (chart_.basis * turn.rotation);
+    // u1 and u2 turn with w = Jr delta.
+    return {world_R_line.col(0),
+            world_R_line.col(1),
+            std::cos(phi),
+            std::sin(phi),
+            -world_R_line * hat(Vector3::UnitX()) * turn.right_jacobian,
+            -world_R_line * hat(Vector3::UnitY()) * turn.right_jacobian};
+  }
+
+  CameraLine line_in_camera(std::size_t frame, const State& state, const WorldLine& line,
+                            bool want_jacobian) const {
+    const FrameMotion& motion = frames_[frame];
+    const double t = motion.elapsed;
+    const Vector6 delta = motion.preintegrated + motion.bias_jacobian * (state.bias - bias_);
+    const Vector3 delta_position = delta.tail<3>();
+    const Exponential turn = exponential(delta.head<3>());
+    const Matrix3 rotation = state.rotation * turn.rotation;
+    const Vector3 position = state.position + state.velocity * t + state.gravity * (0.5 * t * t) +
+                             state.rotation * delta_position;
+
+    const Matrix3 body_R_world = rotation.transpose();
+    const Matrix3 cam_R_world = cam_R_body_ * body_R_world;
+    const Vector3 lever = chart_.world_t_anchor - (position + rotation * body_t_cam_);
+    const Vector3 turned = lever.cross(line.along);
+    const Vector3 world_moment = line.cosine * line.normal + line.sine * turned;
+    CameraLine result;
+    result.moment = cam_R_world * world_moment;
+    result.direction = cam_R_world * line.along;
+    if (!want_jacobian) return result;
+
+    // By the frame's own pose: right perturbation (rotation, translation) of the body.
+    const Matrix3 across = hat(body_R_world * line.along);
+    const Matrix3 by_translation = line.sine * (cam_R_body_ * across);
+    const Matrix3 by_rotation =
+        cam_R_body_ * hat(body_R_world * world_moment) - by_translation * hat(body_t_cam_);
+    const Matrix3 direction_by_rotation = cam_R_body_ * across;
+
+    // By the knot's state through the frame's pose.
+    const Matrix3 frame_R_knot = turn.rotation.transpose();
+    const Eigen::Matrix<double, 3, 6> turn_by_bias =
+        turn.right_jacobian * motion.bias_jacobian.topRows<3>();
+    const Matrix3 by_knot_translation = by_translation * frame_R_knot;
+    const Matrix3 by_world_translation = by_translation * body_R_world;
+    auto& d_moment = result.d_moment;
+    d_moment.middleCols<3>(kPose) =
+        by_rotation * frame_R_knot - by_knot_translation * hat(delta_position);
+    d_moment.middleCols<3>(kPose + 3) = by_knot_translation;
+    d_moment.middleCols<3>(kVelocity) = by_world_translation * t;
+    d_moment.middleCols<6>(kBias) =
+        by_rotation * turn_by_bias + by_knot_translation * motion.bias_jacobian.bottomRows<3>();
+    d_moment.middleCols<3>(kGravity) = by_world_translation * (0.5 * t * t);
+    d_moment.middleCols<3>(kLine) =
+        cam_R_world * (line.cosine * line.d_normal + line.sine * (hat(lever) * line.d_along));
+    d_moment.col(kLine + 3) = cam_R_world * (line.cosine * turned - line.sine * line.normal);
+
+    auto& d_direction = result.d_direction;
+    d_direction.setZero();
+    d_direction.middleCols<3>(kPose) = direction_by_rotation * frame_R_knot;
+    d_direction.middleCols<6>(kBias) = direction_by_rotation * turn_by_bias;
+    d_direction.middleCols<3>(kLine) = cam_R_world * line.d_along;
+    return result;
+  }
+
+ private:
+  LineChart chart_;
+  Matrix3 cam_R_body_;
+  Vector3 body_t_cam_;
+  std::vector<FrameMotion> frames_;
+  Vector6 bias_;
+};
+
+/// The points of each frame as triangular statistics C: three rows a frame, C m / |m_xy|.
+struct CompressedPoints {
+  std::vector<Matrix3> statistics;
+
+  Eigen::Index rows() const { return 3 * static_cast<Eigen::Index>(statistics.size()); }
+};
+
+/// The points of all frames one by one: two rows a point, the paper's reprojection error.
+struct IndividualPoints {
+  Eigen::Matrix2Xd points;           ///< frame after frame
+  Eigen::VectorXd sqrt_weights;      ///< one a point
+  std::vector<Eigen::Index> counts;  ///< of the points in each frame
+
+  Eigen::Index rows() const { return 2 * points.cols(); }
+};
+
+using VectorOut = Eigen::Ref<Eigen::VectorXd>;
+using MatrixOut = Eigen::Ref<Eigen::MatrixXd>;
+
+/// Unwhitened geometric residual (rows) and, unless null, its Jacobian (rows x 22).
+/// A frame without a finite ruling has zero rows.
+inline void evaluate(const Geometry& geometry, const CompressedPoints& points, const State& state,
+                     VectorOut residual, MatrixOut* jacobian) {
+  const WorldLine world = geometry.line_in_world(state);
+  for (std::size_t i = 0; i < geometry.frames(); ++i) {
+    const CameraLine line = geometry.line_in_camera(i, state, world, jacobian != nullptr);
+    const Eigen::Index row = 3 * static_cast<Eigen::Index>(i);
+    const double size = std::hypot(line.moment.x(), line.moment.y());
+    // As a factor: NaN stays NaN.
+    const double inverse = size > kNoRuling ? 1.0 / size : 0.0;
+    const Vector3 unit = line.moment * inverse;
+    residual.segment<3>(row) = points.statistics[i] * unit;
+    if (jacobian == nullptr) continue;
+    // d (m / |m_xy|) = (I - unit (unit_x, unit_y, 0)) dm / |m_xy|
+    Matrix3 projector = Matrix3::Identity();
+    projector.leftCols<2>() -= unit * unit.head<2>().transpose();
+    const Matrix3 by_moment = (points.statistics[i] * projector) * inverse;
+    jacobian->middleRows<3>(row).noalias() = by_moment * line.d_moment;
+  }
+}
+
+/// One point's residual and its derivative by S = d x m and d, (2, 6).
+struct PointResidual {
+  Eigen::Vector2d value;
+  Eigen::Matrix<double, 2, 6> by_line;
+};
+
+/// The paper's residual of a point p with alpha in closed form; `side` is the sign of sin(phi).
+/// (2, 2) without slope behind the camera, zero without slope for a ruling seen end-on in p.
+inline PointResidual reprojection(const Eigen::Vector2d& p, const Vector3& closest,
+                                  const Vector3& direction, double side) {
+  const Eigen::Vector2d p_vector = p * direction.z() - direction.head<2>();
+  const Eigen::Vector2d phi = closest.head<2>() - p * closest.z();
+  const double pp = p_vector.squaredNorm();
+  PointResidual result{Eigen::Vector2d::Zero(), Eigen::Matrix<double, 2, 6>::Zero()};
+  if (pp <= kEndOn) return result;
+  const double alpha = p_vector.dot(phi) / pp;
+  const Vector3 foot = closest + alpha * direction;
+  if (foot.z() * side <= kNegligibleDepth) {
+    result.value.setConstant(kBehindCameraResidual);
+    return result;
+  }
+  const double inverse = 1.0 / foot.z();
+  const Eigen::Vector2d projected = foot.head<2>() * inverse;
+  result.value = p - projected;
+
+  // d alpha = (Phi . dP + P . dPhi - 2 alpha P . dP) / P . P
+  const Eigen::Vector2d bracket = phi - 2.0 * alpha * p_vector;
+  const Eigen::RowVector3d alpha_by_closest(p_vector.x() / pp, p_vector.y() / pp,
+                                            -p_vector.dot(p) / pp);
+  const Eigen::RowVector3d alpha_by_direction(-bracket.x() / pp, -bracket.y() / pp,
+                                              bracket.dot(p) / pp);
+  Eigen::Matrix<double, 2, 3> by_foot;
+  by_foot << -inverse, 0.0, projected.x() * inverse, 0.0, -inverse, projected.y() * inverse;
+  const Eigen::Vector2d by_alpha = by_foot * direction;
+  result.by_line.leftCols<3>() = by_foot + by_alpha * alpha_by_closest;
+  result.by_line.rightCols<3>() = alpha * by_foot + by_alpha * alpha_by_direction;
+  return result;
+}
+
+/// Unwhitened reprojection residual (rows) and, unless null, its Jacobian (rows x 22).
+inline void evaluate(const Geometry& geometry, const IndividualPoints& points, const State& state,
+                     VectorOut residual, MatrixOut* jacobian) {
+  const WorldLine world = geometry.line_in_world(state);
+  const double side = world.sine >= 0.0 ? 1.0 : -1.0;
+  Eigen::Index point = 0;
+  Eigen::Matrix<double, Eigen::Dynamic, 6> by_line;
+  for (std::size_t i = 0; i < geometry.frames(); ++i) {
+    const CameraLine line = geometry.line_in_camera(i, state, world, jacobian != nullptr);
+    // The line's point next to the camera's centre, times sin(phi).
+    const Vector3 closest = line.direction.cross(line.moment);
+    const Eigen::Index first_row = 2 * point, count = points.counts[i];
+    by_line.resize(2 * count, 6);
+    for (Eigen::Index j = 0; j < count; ++j, ++point) {
+      const PointResidual one =
+          reprojection(points.points.col(point), closest, line.direction, side);
+      const double weight = points.sqrt_weights[point];
+      residual.segment<2>(2 * point) = weight * one.value;
+      by_line.middleRows<2>(2 * j) = weight * one.by_line;
+    }
+    if (jacobian == nullptr) continue;
+    Eigen::Matrix<double, 6, kColumns> d_line;
+    d_line.topRows<3>() = hat(line.direction) * line.d_moment - hat(line.moment) * line.d_direction;
+    d_line.bottomRows<3>() = line.d_direction;
+    jacobian->middleRows(first_row, 2 * count).noalias() = by_line.lazyProduct(d_line);
+  }
+}
+
+}  // namespace ruledgraph

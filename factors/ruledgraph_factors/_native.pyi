@@ -1,0 +1,60 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The native kernel, `factors/src/native.cpp`: internal, called by this package alone.
+
+All arrays are float64 and, where they have rows, C-contiguous. Sizes that do not fit together raise
+ValueError; types and shapes that do not fit the signature raise TypeError.
+"""
+
+from ruledgraph_factors.validation import FloatArray, IntArray
+
+class Geometry:
+    """What brings a line into the cameras of n frames; as `ruled_surface.Geometry`."""
+
+    def __init__(
+        self,
+        world_T_anchor: FloatArray,
+        basis: FloatArray,
+        angle: float,
+        body_T_cam: FloatArray,
+        elapsed: FloatArray,
+        preintegrated: FloatArray,
+        bias_jacobian: FloatArray,
+        bias: FloatArray,
+    ) -> None:
+        """Take a `LineChart` and the extrinsic, poses as (4, 4), and a `FrameMotion`'s arrays."""
+
+class _Surface:
+    def evaluate(
+        self,
+        world_T_body: FloatArray,
+        velocity: FloatArray,
+        bias: FloatArray,
+        gravity: FloatArray,
+        line: FloatArray,
+        residual: FloatArray,
+        jacobian: FloatArray | None,
+    ) -> None:
+        """Write the residual (rows,) at a state and, unless None, its Jacobian (rows, 22).
+
+        The state is that of `ruled_surface.State`. `jacobian` has Fortran order.
+        """
+
+class GeometricSurface(_Surface):
+    """As `ruled_surface.geometric_residual`."""
+
+    def __init__(self, geometry: Geometry, statistics: FloatArray) -> None:
+        """Take the statistics (n, 3, 3) of `CompressedPoints`."""
+
+class ReprojectionSurface(_Surface):
+    """As `ruled_surface.reprojection_residual`."""
+
+    def __init__(
+        self, geometry: Geometry, points: FloatArray, sqrt_weights: FloatArray, frame: IntArray
+    ) -> None:
+        """Take the three arrays of `IndividualPoints`."""
+
+def integrate(
+    force: FloatArray, rate: FloatArray, dt: FloatArray, delta: FloatArray, d_bias: FloatArray
+) -> int:
+    """As `motion.integrate_in_numpy`."""

@@ -1,0 +1,157 @@
+// SPDX-FileCopyrightText: The ruledgraph developers
+// SPDX-License-Identifier: BSD-3-Clause
+//
+// The Python module `ruledgraph_factors._native`; `_native.pyi` documents it.
+
+#include <nanobind/eigen/dense.h>
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <cstdint>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+#include "ruledgraph/preintegration.hpp"
+#include "ruledgraph/ruled_surface.hpp"
+
+namespace nb = nanobind;
+
+namespace {
+
+using namespace ruledgraph;
+using Eigen::Index;
+using Eigen::Matrix4d;
+
+template <int Rows, int Columns>
+using RowMajor = Eigen::Matrix<double, Rows, Columns, Eigen::RowMajor>;
+template <int Rows, int Columns>
+using RowMajorMap = Eigen::Map<const RowMajor<Rows, Columns>>;
+template <typename Scalar, Eigen::Index... Shape>
+using Rows = nb::ndarray<Scalar, nb::shape<Shape...>, nb::c_contig, nb::device::cpu>;
+using JacobianArray = nb::ndarray<double, nb::shape<-1, kColumns>, nb::f_contig, nb::device::cpu>;
+
+void require(bool condition, const char* message) {
+  if (!condition) throw std::invalid_argument(message);
+}
+
+Geometry make_geometry(const Matrix4d& world_T_anchor, const Matrix3& basis, double angle,
+                       const Matrix4d& body_T_cam, Rows<const double, -1> elapsed,
+                       Rows<const double, -1, 9> preintegrated,
+                       Rows<const double, -1, 9, 6> bias_jacobian, const Vector6& bias) {
+  const std::size_t count = elapsed.shape(0);
+  require(preintegrated.shape(0) == count && bias_jacobian.shape(0) == count,
+          "elapsed, preintegrated and bias_jacobian differ in length");
+  std::vector<FrameMotion> frames;
+  for (std::size_t i = 0; i < count; ++i) {
+    // The residuals do not depend on dv, the last three.
+    frames.push_back({elapsed.data()[i], Eigen::Map<const Vector6>(preintegrated.data() + 9 * i),
+                      RowMajorMap<6, 6>(bias_jacobian.data() + 54 * i)});
+  }
+  const LineChart chart{world_T_anchor.topLeftCorner<3, 3>(), world_T_anchor.topRightCorner<3, 1>(),
+                        basis, angle};
+  return Geometry(chart, body_T_cam.topLeftCorner<3, 3>(), body_T_cam.topRightCorner<3, 1>(),
+                  std::move(frames), bias);
+}
+
+/// All constants of one factor.
+template <typename Points>
+struct RuledSurface {
+  Geometry geometry;
+  Points points;
+
+  void evaluate(const Matrix4d& world_T_body, const Vector3& velocity, const Vector6& bias,
+                const Vector3& gravity, const Eigen::Vector4d& line, VectorOut residual,
+                JacobianArray jacobian) const {
+    const State state{world_T_body.topLeftCorner<3, 3>(),
+                      world_T_body.topRightCorner<3, 1>(),
+                      velocity,
+                      bias,
+                      gravity,
+                      line};
+    require(residual.size() == points.rows(), "residual has the wrong length");
+    if (!jacobian.is_valid()) {
+      ruledgraph::evaluate(geometry, points, state, residual, nullptr);
+      return;
+    }
+    require(static_cast<Index>(jacobian.shape(0)) == points.rows(),
+            "jacobian has the wrong number of rows");
+    MatrixOut out = Eigen::Map<Eigen::MatrixXd>(jacobian.data(), points.rows(), kColumns);
+    ruledgraph::evaluate(geometry, points, state, residual, &out);
+  }
+};
+
+using GeometricSurface = RuledSurface<CompressedPoints>;
+using ReprojectionSurface = RuledSurface<IndividualPoints>;
+
+GeometricSurface* make_geometric(const Geometry& geometry,
+                                 Rows<const double, -1, 3, 3> statistics) {
+  require(statistics.shape(0) == geometry.frames(), "statistics: not one for each frame");
+  CompressedPoints points;
+  for (std::size_t i = 0; i < statistics.shape(0); ++i) {
+    points.statistics.push_back(RowMajorMap<3, 3>(statistics.data() + 9 * i));
+  }
+  return new GeometricSurface{geometry, std::move(points)};
+}
+
+ReprojectionSurface* make_reprojection(const Geometry& geometry, Rows<const double, -1, 2> points,
+                                       const Eigen::VectorXd& sqrt_weights,
+                                       Rows<const std::int64_t, -1> frame) {
+  const std::size_t count = points.shape(0);
+  require(static_cast<std::size_t>(sqrt_weights.size()) == count && frame.shape(0) == count,
+          "points, sqrt_weights and frame differ in length");
+  IndividualPoints individual{
+      RowMajorMap<Eigen::Dynamic, 2>(points.data(), static_cast<Index>(count), 2).transpose(),
+      sqrt_weights, std::vector<Index>(geometry.frames(), 0)};
+  std::int64_t previous = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::int64_t index = frame.data()[i];
+    require(previous <= index && index < static_cast<std::int64_t>(geometry.frames()),
+            "frame: not the frames of the points, in order");
+    ++individual.counts[static_cast<std::size_t>(index)];
+    previous = index;
+  }
+  return new ReprojectionSurface{geometry, std::move(individual)};
+}
+
+std::size_t integrate(Rows<const double, -1, 3> force, Rows<const double, -1, 3> rate,
+                      const Eigen::VectorXd& dt, Rows<double, -1, 9> delta,
+                      Rows<double, -1, 9, 6> d_bias) {
+  const auto count = static_cast<std::size_t>(dt.size());
+  require(force.shape(0) == count && rate.shape(0) == count && delta.shape(0) == count + 1 &&
+              d_bias.shape(0) == count + 1,
+          "force, rate, dt, delta and d_bias do not fit together");
+  constexpr double kHalfTurn = 3.14159265358979323846;
+  Preintegrated motion;
+  for (std::size_t i = 0;; ++i) {
+    Eigen::Map<Eigen::Matrix<double, 9, 1>>(delta.data() + 9 * i) = motion.delta;
+    Eigen::Map<RowMajor<9, 6>>(d_bias.data() + 54 * i) = motion.d_bias;
+    if (i == count || motion.delta.head<3>().squaredNorm() > kHalfTurn * kHalfTurn) return i;
+    motion.integrate(Eigen::Map<const Vector3>(force.data() + 3 * i),
+                     Eigen::Map<const Vector3>(rate.data() + 3 * i), dt[static_cast<Index>(i)]);
+  }
+}
+
+template <typename Surface>
+nb::class_<Surface> bind_surface(nb::module_& module, const char* name) {
+  return nb::class_<Surface>(module, name)
+      .def("evaluate", &Surface::evaluate, nb::arg("world_T_body"), nb::arg("velocity"),
+           nb::arg("bias"), nb::arg("gravity"), nb::arg("line"), nb::arg("residual"),
+           nb::arg("jacobian").noconvert().none());
+}
+
+}  // namespace
+
+NB_MODULE(_native, module) {
+  nb::class_<Geometry>(module, "Geometry")
+      .def(nb::new_(&make_geometry), nb::arg("world_T_anchor"), nb::arg("basis"), nb::arg("angle"),
+           nb::arg("body_T_cam"), nb::arg("elapsed"), nb::arg("preintegrated"),
+           nb::arg("bias_jacobian"), nb::arg("bias"));
+  bind_surface<GeometricSurface>(module, "GeometricSurface")
+      .def(nb::new_(&make_geometric), nb::arg("geometry"), nb::arg("statistics"));
+  bind_surface<ReprojectionSurface>(module, "ReprojectionSurface")
+      .def(nb::new_(&make_reprojection), nb::arg("geometry"), nb::arg("points"),
+           nb::arg("sqrt_weights"), nb::arg("frame"));
+  module.def("integrate", &integrate, nb::arg("force"), nb::arg("rate"), nb::arg("dt"),
+             nb::arg("delta").noconvert(), nb::arg("d_bias").noconvert());
+}

@@ -1,0 +1,185 @@
+// SPDX-FileCopyrightText: The ruledgraph developers
+// SPDX-License-Identifier: BSD-3-Clause
+//
+// The C++ headers by themselves, with nothing but Eigen: derivatives against central differences,
+// and the behaviour at degenerate geometry. `test_cpp_headers.py` compiles and runs it.
+
+#undef NDEBUG
+#include "ruledgraph/ruled_surface.hpp"
+
+#include <cassert>
+#include <cstdio>
+#include <functional>
+#include <limits>
+
+#include "ruledgraph/preintegration.hpp"
+
+namespace {
+
+using namespace ruledgraph;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr int kFrames = 4;
+
+Matrix3 random_rotation() { return exponential(Vector3::Random()).rotation; }
+
+State random_state() {
+  return {random_rotation(),       Vector3::Random(),       Vector3::Random(),
+          0.1 * Vector6::Random(), 9.0 * Vector3::Random(), 0.02 * Eigen::Vector4d::Random()};
+}
+
+/// GTSAM's retraction: right perturbation of the pose, rotation first; all else is added.
+State retract(State state, const VectorXd& tangent) {
+  state.position += state.rotation * tangent.segment<3>(kPose + 3);
+  state.rotation *= exponential(tangent.segment<3>(kPose)).rotation;
+  state.velocity += tangent.segment<3>(kVelocity);
+  state.bias += tangent.segment<6>(kBias);
+  state.gravity += tangent.segment<3>(kGravity);
+  state.line += tangent.segment<4>(kLine);
+  return state;
+}
+
+/// A line about three metres in front of the camera of `state`.
+Geometry random_geometry(const State& state) {
+  const Matrix3 body_R_cam = random_rotation();
+  const Vector3 body_t_cam = 0.1 * Vector3::Random();
+  std::vector<FrameMotion> frames;
+  for (int i = 0; i < kFrames; ++i) {
+    frames.push_back({0.02 * i, 0.02 * Vector6::Random(), 0.05 * Matrix6::Random()});
+  }
+  // Columns: normal of the viewing plane, the line's direction, and from its foot to the camera.
+  Matrix3 basis;
+  basis << 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0;
+  const LineChart chart{state.rotation * body_R_cam, state.position + state.rotation * body_t_cam,
+                        basis * exponential(0.1 * Vector3::Random()).rotation,
+                        std::atan(1.0 / 3.0)};
+  return Geometry(chart, body_R_cam, body_t_cam, frames, 0.05 * Vector6::Random());
+}
+
+double relative_error(const MatrixXd& analytic, const MatrixXd& numeric) {
+  return (analytic - numeric).cwiseAbs().maxCoeff() / numeric.cwiseAbs().maxCoeff();
+}
+
+template <typename Points>
+VectorXd residual_at(const Geometry& geometry, const Points& points, const State& state) {
+  VectorXd residual(points.rows());
+  evaluate(geometry, points, state, residual, nullptr);
+  return residual;
+}
+
+template <typename Points>
+void check_jacobian(const Geometry& geometry, const Points& points, const State& state) {
+  VectorXd residual(points.rows());
+  MatrixXd analytic(points.rows(), kColumns), numeric(points.rows(), kColumns);
+  MatrixOut out = analytic;
+  evaluate(geometry, points, state, residual, &out);
+  assert(residual == residual_at(geometry, points, state));
+  const double step = 1e-5;
+  for (int i = 0; i < kColumns; ++i) {
+    const VectorXd tangent = step * VectorXd::Unit(kColumns, i);
+    numeric.col(i) = (residual_at(geometry, points, retract(state, tangent)) -
+                      residual_at(geometry, points, retract(state, -tangent))) /
+                     (2.0 * step);
+  }
+  assert(residual.cwiseAbs().maxCoeff() > 1e-6);
+  assert(relative_error(analytic, numeric) < 1e-7);
+}
+
+CompressedPoints random_statistics() {
+  CompressedPoints points;
+  for (int i = 0; i < kFrames; ++i) {
+    points.statistics.push_back(Matrix3::Random().triangularView<Eigen::Upper>());
+  }
+  return points;
+}
+
+IndividualPoints random_points() {
+  IndividualPoints points{
+      0.5 * Eigen::Matrix2Xd::Random(2, 10), VectorXd::Random(10).cwiseAbs(), {1, 2, 3, 4}};
+  return points;
+}
+
+void derivatives_are_right() {
+  for (int i = 0; i < 200; ++i) {
+    const State state = random_state();
+    const Geometry geometry = random_geometry(state);
+    check_jacobian(geometry, random_statistics(), state);
+    check_jacobian(geometry, random_points(), state);
+  }
+}
+
+/// A camera at the origin and the line through `point` along `direction`, as seen from there.
+Geometry at_origin(const Vector3& point, const Vector3& direction) {
+  Matrix3 basis;
+  const Vector3 along = direction.normalized();
+  const Vector3 foot = point - along * along.dot(point);
+  basis.col(1) = along;
+  basis.col(2) = -foot.normalized();
+  basis.col(0) = along.cross(basis.col(2));
+  const LineChart chart{Matrix3::Identity(), Vector3::Zero(), basis, std::atan(1.0 / foot.norm())};
+  const FrameMotion rest{0.0, Vector6::Zero(), Matrix6::Zero()};
+  return Geometry(chart, Matrix3::Identity(), Vector3::Zero(), {rest}, Vector6::Zero());
+}
+
+State at_rest() {
+  return {Matrix3::Identity(), Vector3::Zero(), Vector3::Zero(),
+          Vector6::Zero(),     Vector3::Zero(), Eigen::Vector4d::Zero()};
+}
+
+void degenerate_geometry_is_defined() {
+  const CompressedPoints statistics{{Matrix3::Identity()}};
+  const IndividualPoints point{Eigen::Vector2d(0.1, -0.2), VectorXd::Ones(1), {1}};
+  VectorXd residual(3);
+  MatrixXd jacobian(3, kColumns);
+
+  // In the focal plane: no finite ruling, no information.
+  MatrixOut out = jacobian;
+  evaluate(at_origin({0.0, 1.0, 0.0}, Vector3::UnitX()), statistics, at_rest(), residual, &out);
+  assert(residual.isZero(0.0) && jacobian.isZero(0.0));
+
+  // Behind the camera.
+  const Geometry behind = at_origin({0.0, 0.4, -2.0}, Vector3::UnitX());
+  VectorXd pair(2);
+  MatrixXd pair_jacobian(2, kColumns);
+  MatrixOut pair_out = pair_jacobian;
+  evaluate(behind, point, at_rest(), pair, &pair_out);
+  assert(pair == VectorXd::Constant(2, kBehindCameraResidual) && pair_jacobian.isZero(0.0));
+
+  // In front of it, on and beside the ruling y = 0.2.
+  const Geometry before = at_origin({0.0, 0.4, 2.0}, Vector3::UnitX());
+  assert(std::abs(residual_at(before, point, at_rest()).norm() - 0.4) < 1e-12);
+
+  // Not a number stays that.
+  State broken = at_rest();
+  broken.line[0] = std::numeric_limits<double>::quiet_NaN();
+  assert(std::isnan(residual_at(before, statistics, broken)[0]));
+  assert(std::isnan(residual_at(before, point, broken)[0]));
+}
+
+void preintegration_differentiates_by_the_bias() {
+  const MatrixXd force = 3.0 * MatrixXd::Random(3, 30), rate = MatrixXd::Random(3, 30);
+  const auto integrated = [&](const VectorXd& bias) {
+    Preintegrated motion;
+    for (int i = 0; i < force.cols(); ++i) {
+      motion.integrate(force.col(i) - bias.head<3>(), rate.col(i) - bias.tail<3>(), 0.05);
+    }
+    return motion;
+  };
+  MatrixXd numeric(9, 6);
+  const double step = 1e-5;
+  for (int i = 0; i < 6; ++i) {
+    const VectorXd tangent = step * VectorXd::Unit(6, i);
+    numeric.col(i) = (integrated(tangent).delta - integrated(-tangent).delta) / (2.0 * step);
+  }
+  assert(relative_error(integrated(VectorXd::Zero(6)).d_bias, numeric) < 1e-7);
+}
+
+}  // namespace
+
+int main() {
+  derivatives_are_right();
+  degenerate_geometry_is_defined();
+  preintegration_differentiates_by_the_bias();
+  std::puts("passed");
+}

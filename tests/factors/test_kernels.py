@@ -1,0 +1,218 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The native kernel against numpy, its reference: to 1e-12, and the same at degenerate geometry."""
+
+from collections.abc import Callable
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam import noiseModel
+from gtsam.symbol_shorthand import L, V, X
+
+from numerics import factor_jacobians, relative_error
+from random_factors import FORMS, POINTS, random_case
+from ruledgraph_factors import (
+    CompressedPoints,
+    FactorError,
+    FrameMotion,
+    ImuSamples,
+    IndividualPoints,
+    LineChart,
+    RuledSurfaceFactor,
+    active_kernel,
+    kernel,
+    preintegrate_frames,
+    ruled_surface_pose_factor,
+)
+
+needs_native = pytest.mark.skipif(
+    kernel.native is None, reason="the native kernel was not built (no C++ compiler)"
+)
+BOUND = 1e-12
+
+
+class ByBoth:
+    """Calls the same function under both kernels."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._monkeypatch = monkeypatch
+
+    def __call__(self, make: Callable[[], object]) -> tuple:
+        results = []
+        for name in ("native", "numpy"):
+            self._monkeypatch.setenv("RULEDGRAPH_KERNEL", name)
+            assert active_kernel() == name
+            results.append(make())
+        return tuple(results)
+
+
+@pytest.fixture
+def by_both(monkeypatch: pytest.MonkeyPatch) -> ByBoth:
+    return ByBoth(monkeypatch)
+
+
+def assert_same(
+    factors: tuple[RuledSurfaceFactor, RuledSurfaceFactor],
+    values: gtsam.Values,
+    bound: float = BOUND,
+) -> None:
+    """The residual relative to a coordinate of 1, each Jacobian to its greatest entry."""
+    native, numpy = (factor.unwhitenedError(values) for factor in factors)
+    np.testing.assert_allclose(native, numpy, rtol=bound, atol=bound)
+    native, numpy = (factor_jacobians(factor, values) for factor in factors)
+    assert native.keys() == numpy.keys()
+    for key, matrix in numpy.items():
+        assert relative_error(native[key], matrix) < bound, gtsam.DefaultKeyFormatter(key)
+
+
+@needs_native
+@pytest.mark.parametrize("kind", POINTS)
+@pytest.mark.parametrize("form", FORMS)
+def test_residuals_and_jacobians_agree(form: str, kind, by_both: ByBoth) -> None:
+    for seed in range(300):
+        case = random_case(seed, frames=1 + seed % 9, points=1 + seed % 7)
+        assert_same(by_both(lambda c=case: c.factor(form, kind)), case.values)
+
+
+@needs_native
+@pytest.mark.parametrize("kind", POINTS)
+@pytest.mark.parametrize("angle", [0.29999, 0.30001, 1.0, 3.0])
+def test_large_turns_agree(angle: float, kind, by_both: ByBoth) -> None:
+    """On both sides of the limit between series and closed form, in the line and in the motion."""
+    for seed in range(50):
+        case = random_case(seed)
+        axis = case.rng.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        turned = np.array(case.motion.preintegrated)
+        turned[:, :3] = angle * axis
+        case.motion = FrameMotion(
+            case.motion.elapsed, turned, case.motion.bias_jacobian, case.motion.bias
+        )
+        case.values.update(L(0), np.append(angle * axis, 0.1))
+        assert_same(by_both(lambda c=case: c.factor("knot", kind)), case.values)
+
+
+def pose_factor(kind, chart: LineChart, points: np.ndarray) -> RuledSurfaceFactor:
+    observed = kind.from_frames([points])
+    return ruled_surface_pose_factor(
+        noiseModel.Unit.Create(observed.rows), X(0), L(0), chart, observed
+    )
+
+
+def line(first, second) -> LineChart:
+    anchor = gtsam.Pose3(gtsam.Rot3.Ypr(0.1, -0.2, 0.3), np.array([0.3, 0.2, -1.0]))
+    return LineChart.from_points(anchor, first, second)
+
+
+END_ON = np.array([0.25, -0.5])
+DEGENERATE = {
+    "through the camera": line([0.0, 0.0, 0.0], [0.0, 0.0, 1.0]),
+    "in the focal plane": line([0.0, 1.0, 0.0], [1.0, 1.0, 0.0]),
+    "behind the camera": line([-1.0, 0.4, -2.0], [1.0, 0.4, -2.0]),
+    "partly behind": line([-0.2, 0.1, -1.0], [0.3, 0.1, 2.0]),
+    "end-on in a point": line([0.5, -1.0, 2.0], [1.0, -2.0, 4.0]),
+    "parallel to a ray": line([1.0, 0.0, 2.0], [1.25, -0.5, 3.0]),
+    "at infinity": LineChart.from_ruling(gtsam.Pose3(), [0.3, 1.0, -0.2], 0.0),
+    "almost at infinity": LineChart.from_ruling(gtsam.Pose3(), [0.3, 1.0, -0.2], 1e-8),
+    "beyond infinity": LineChart(
+        gtsam.Pose3(), LineChart.from_ruling(gtsam.Pose3(), [0.3, 1.0, -0.2], 0.0).basis, -1e-3
+    ),
+    "through the anchor": line([0.3, 0.2, -1.0], [0.5, 0.1, 2.0]),
+}
+
+
+@needs_native
+@pytest.mark.parametrize("kind", POINTS)
+@pytest.mark.parametrize("name", DEGENERATE)
+def test_degenerate_geometry_agrees(name: str, kind, by_both: ByBoth) -> None:
+    values = gtsam.Values()
+    values.insert(X(0), gtsam.Pose3())
+    values.insert(L(0), np.zeros(4))
+    points = np.array([[0.1, -0.2], [-0.4, 0.05], END_ON, [1.5, 0.3]])
+    assert_same(by_both(lambda: pose_factor(kind, DEGENERATE[name], points)), values)
+
+
+@needs_native
+@pytest.mark.parametrize("slope", [1e-2, 1e-4, 1e-6])
+def test_rulings_almost_through_the_camera_agree_to_their_conditioning(
+    slope: float, by_both: ByBoth
+) -> None:
+    """|m_xy| = slope is a difference of numbers of the size of 1: so many digits are lost."""
+    points = np.array([[0.1, -0.2], [-0.4, 0.05]])
+    values = gtsam.Values()
+    values.insert(X(0), gtsam.Pose3())
+    values.insert(L(0), np.zeros(4))
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        beside = slope * rng.normal(size=3)
+        chart = line(beside, beside + rng.normal(size=3))
+        factors = by_both(lambda c=chart: pose_factor(CompressedPoints, c, points))
+        assert_same(factors, values, 1e-13 / slope)
+
+
+@needs_native
+@pytest.mark.parametrize("kind", POINTS)
+@pytest.mark.parametrize("key", [X(0), V(0), L(0)])
+def test_nan_agrees(key: int, kind, by_both: ByBoth) -> None:
+    case = random_case(0)
+    bad = gtsam.Pose3(gtsam.Rot3(), np.full(3, np.nan))
+    sizes = {V(0): 3, L(0): 4}
+    case.values.update(key, bad if key == X(0) else np.full(sizes[key], np.nan))
+    native, numpy = by_both(lambda: case.factor("knot", kind).unwhitenedError(case.values))
+    np.testing.assert_array_equal(np.isnan(native), np.isnan(numpy))
+    assert np.isnan(native).all()
+
+
+def shaken_imu(seed: int, rate: float) -> ImuSamples:
+    rng = np.random.default_rng(seed)
+    times = np.cumsum(rng.uniform(0.8, 1.2, size=int(rate)) / rate)
+    return ImuSamples(times, rng.normal(size=(times.size, 3)), rng.normal(size=(times.size, 3)) * 9)
+
+
+@needs_native
+@pytest.mark.parametrize("rate", [30.0, 200.0, 1000.0])
+def test_preintegration_agrees(rate: float, by_both: ByBoth) -> None:
+    for seed in range(10):
+        imu = shaken_imu(seed, rate)
+        bias = gtsam.imuBias.ConstantBias(*np.random.default_rng(seed).normal(size=(2, 3)) * 0.1)
+        frames = 0.2 + np.arange(9) * 0.033
+        native, numpy = by_both(lambda i=imu, f=frames, b=bias: preintegrate_frames(i, 0.2, f, b))
+        for name in ("preintegrated", "bias_jacobian"):
+            assert relative_error(getattr(native, name), getattr(numpy, name)) < BOUND
+
+
+@needs_native
+def test_both_refuse_more_than_half_a_turn_at_the_same_time(by_both: ByBoth) -> None:
+    times = np.linspace(0.0, 1.0, 101)
+    imu = ImuSamples(times, np.tile([0.0, 4.0, 0.0], (101, 1)), np.zeros((101, 3)))
+
+    def message() -> str:
+        with pytest.raises(FactorError, match="more than half a turn") as caught:
+            preintegrate_frames(imu, 0.0, [0.2, 0.5, 1.0])
+        return str(caught.value)
+
+    native, numpy = by_both(message)
+    assert native == numpy
+    assert "to 0.790 s" in native
+
+
+def test_the_environment_chooses_the_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("RULEDGRAPH_KERNEL", raising=False)
+    assert active_kernel() == ("numpy" if kernel.native is None else "native")
+    monkeypatch.setenv("RULEDGRAPH_KERNEL", "numpy")
+    assert active_kernel() == "numpy"
+    monkeypatch.setenv("RULEDGRAPH_KERNEL", "cuda")
+    with pytest.raises(FactorError, match="RULEDGRAPH_KERNEL must be native or numpy, not 'cuda'"):
+        active_kernel()
+
+
+def test_without_the_native_kernel_numpy_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kernel, "native", None)
+    monkeypatch.delenv("RULEDGRAPH_KERNEL", raising=False)
+    assert active_kernel() == "numpy"
+    case = random_case(0)
+    assert np.isfinite(case.factor("knot", IndividualPoints).error(case.values))
+    monkeypatch.setenv("RULEDGRAPH_KERNEL", "native")
+    with pytest.raises(FactorError, match="RULEDGRAPH_KERNEL is native, but that kernel was not"):
+        active_kernel()
