@@ -47,7 +47,7 @@ def _print_version(context: click.Context, _option: click.Parameter, wanted: boo
     is_eager=True,
     expose_value=False,
     callback=_print_version,
-    help="Show the version, the kernel of the factors, and the versions of gtsam, numpy and Python.",
+    help="Show the versions of ruledgraph, gtsam, numpy, Python, and the kernel.",
 )
 def main() -> None:
     """Line-based visual-inertial odometry as a GTSAM backend."""

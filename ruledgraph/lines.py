@@ -44,13 +44,14 @@ class GraphLine:
     chart: LineChart
     delta: FloatArray
     covariance: FloatArray
-    """Marginal, of `delta`, (4, 4)."""
+    """Marginal, of `delta`, (4, 4), as of `covariance_time`."""
     first_stamp: int
     last_stamp: int
     last_time: float
     """Of the last knot whose interval saw it, s."""
     points: int = 0
     bad_knots: int = 0
+    covariance_time: float = -np.inf
     _reach: list[FloatArray] = field(default_factory=list)
 
     def inverse_distance(self) -> tuple[float, float]:

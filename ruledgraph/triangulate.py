@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
+from gtsam import noiseModel
 
 from ruledgraph.sensors import FloatArray
 from ruledgraph_factors import (
@@ -15,10 +16,11 @@ from ruledgraph_factors import (
     FactorError,
     FrameMotion,
     LineChart,
+    RuledSurfaceSpec,
     line_from_ruling,
 )
-from ruledgraph_factors.factor import evaluate
-from ruledgraph_factors.ruled_surface import Geometry, Residual, State
+from ruledgraph_factors.factor import evaluation
+from ruledgraph_factors.ruled_surface import Residual, State
 
 # Where to start from: inverse distances, 1/m, and turns inside the viewing plane, rad.
 _INVERSE_DISTANCES = (0.05, 0.25, 0.7, 1.6)
@@ -28,6 +30,7 @@ _MOST_STEPS = 8
 _LONGEST_STEP = 1.5
 _CONVERGED = 1e-3
 # Keeps the two directions that one image does not show finite; the others are seen.
+_GRAVITY = np.array(STANDARD_GRAVITY)
 _PRIOR = np.array([1.0, 1e2, 1e2, 1.0])
 
 
@@ -46,17 +49,28 @@ class View:
     """Of the knot."""
     bias: gtsam.imuBias.ConstantBias
 
-    def residual(self, geometry: Geometry, delta: FloatArray, want_jacobian: bool) -> Residual:
-        """Unwhitened residual of the line at `delta`; its Jacobian has the factors' columns."""
-        state = State(
-            self.state.attitude().matrix(),
-            self.state.position(),
+    def residual(
+        self, chart: LineChart, body_T_cam: gtsam.Pose3, deviation: float
+    ) -> Callable[[FloatArray, bool], Residual]:
+        """Residual of a line in `chart` by its delta; its Jacobian has the factors' columns."""
+        spec = RuledSurfaceSpec(
+            form="knot",
+            keys=(0, 1, 2, 3),  # of no graph
+            noise_model=noiseModel.Isotropic.Sigma(self.points.rows, deviation),
+            chart=chart,
+            motion=self.motion,
+            points=self.points,
+            body_T_cam=body_T_cam,
+            gravity=_GRAVITY,
+        )
+        compute = evaluation(spec)
+        known = (
+            self.state.pose().matrix(),
             self.state.velocity(),
             self.bias.vector(),
-            np.array(STANDARD_GRAVITY),
-            delta,
+            _GRAVITY,
         )
-        return evaluate(geometry, self.points, state, want_jacobian)
+        return lambda delta, want_jacobian: compute(State(*known, delta), want_jacobian)
 
     @property
     def weight(self) -> float:
@@ -80,7 +94,7 @@ def misfit(
     chart: LineChart, delta: FloatArray, view: View, body_T_cam: gtsam.Pose3, deviation: float
 ) -> float:
     """Root mean square distance of a view's points from a line, in units of their deviation."""
-    value = view.residual(Geometry(chart, view.motion, body_T_cam), delta, False).value
+    value = view.residual(chart, body_T_cam, deviation)(delta, False).value
     return float(np.linalg.norm(value) / deviation / np.sqrt(view.weight))
 
 
@@ -107,12 +121,12 @@ def triangulate(
         chart = line_from_ruling(world_T_cam, points, _INVERSE_DISTANCES[1])
     except FactorError:
         return None
-    geometries = [Geometry(chart, view.motion, body_T_cam) for view in views]
+    residuals = [view.residual(chart, body_T_cam, deviation) for view in views]
 
     def whitened(delta: FloatArray, want_jacobian: bool) -> tuple[FloatArray, FloatArray]:
         values, jacobians = [delta / _PRIOR], [np.diag(1.0 / _PRIOR)]
-        for geometry, view in zip(geometries, views, strict=True):
-            residual = view.residual(geometry, delta, want_jacobian)
+        for compute in residuals:
+            residual = compute(delta, want_jacobian)
             values.append(residual.value / deviation)
             if residual.jacobian is not None:
                 jacobians.append(residual.jacobian[:, 18:] / deviation)

@@ -37,6 +37,8 @@ _NEAREST_INVERSE = 20.0
 # An estimate that departs from the IMU's prediction by more has diverged (m, m/s).
 _JUMP, _VELOCITY_JUMP = 1.0, 3.0
 _STILL_VELOCITY = 0.01
+# Lines whose covariance is computed anew at a knot; each takes as long as ten factors.
+_COVARIANCES = 6
 # Where a window is rebuilt its first state is trusted this much less than it said.
 _REBUILD_INFLATION = 2.0
 
@@ -322,8 +324,11 @@ class Window:
         pose, velocity, bias = (self._smoother.covariance(key(k)) for key in (X, V, B))
         if pose is not None and velocity is not None and bias is not None:
             self.newest.covariances = pose, velocity, bias
-        for line in self.lines.values():
+        # A line's covariance shrinks as it is seen: an old one errs on the safe side.
+        stalest = sorted(self.lines.values(), key=lambda line: line.covariance_time)
+        for line in stalest[:_COVARIANCES]:
             covariance = self._smoother.covariance(line.key)
+            line.covariance_time = self.newest.time
             if covariance is not None:
                 line.covariance = covariance
 
