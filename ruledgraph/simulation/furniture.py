@@ -86,7 +86,7 @@ class _Wall:
 
 
 def _walls(bounds: FloatArray, unit: float = 1.0) -> list[_Wall]:
-    (x0, y0, z0), (x1, y1, z1) = bounds
+    (x0, y0, z0), (x1, y1, _) = bounds
     x, y = np.eye(3)[:2]
     return [
         _Wall("far", np.array([x1, y1, z0]), -y, -x, (y1 - y0) / unit, unit),
@@ -133,17 +133,11 @@ def _shelves(
         things += wall.box(f"{name}.board{i}", middle, bottom, (width, 0.25, 0.03), wood(0.5))
         place = middle - 0.42 * width
         while place < middle + 0.1 * width:
-            size = rng.uniform([0.08, 0.12, 0.12], [0.25, 0.2, 0.32])
-            box_ = tuple(float(v) for v in size)
+            length, depth, height = rng.uniform([0.08, 0.12, 0.12], [0.25, 0.2, 0.32]).tolist()
             grey = plain(float(rng.uniform(0.1, 0.7)), 0.05)
-            things += wall.box(
-                f"{name}.box",
-                place + 0.5 * size[0],
-                bottom + 0.03 + _GAP,
-                box_,
-                grey,  # type: ignore[arg-type]
-            )
-            place += size[0] + float(rng.uniform(0.1, 0.4))
+            along, up = place + 0.5 * length, bottom + 0.03 + _GAP
+            things += wall.box(f"{name}.box{len(things)}", along, up, (length, depth, height), grey)
+            place += length + float(rng.uniform(0.1, 0.4))
     return things
 
 
@@ -160,7 +154,7 @@ def _door(
 
 
 def _window(
-    wall: _Wall, name: str, middle: float, width: float, rng: np.random.Generator
+    wall: _Wall, name: str, middle: float, width: float, _rng: np.random.Generator
 ) -> list[Surface]:
     size = (min(width, 1.3), 1.1)
     return [
@@ -172,7 +166,7 @@ def _window(
 
 
 def _board(
-    wall: _Wall, name: str, middle: float, width: float, rng: np.random.Generator
+    wall: _Wall, name: str, middle: float, width: float, _rng: np.random.Generator
 ) -> list[Surface]:
     size = (width, 1.1)
     return [
@@ -198,25 +192,19 @@ def room(bounds: FloatArray, rng: np.random.Generator) -> Scene:
         order = rng.permutation(len(_THINGS))
         kinds = [_THINGS[i] for i in order]
         surfaces += _furnish(wall, kinds, (1.0, 1.6), (0.15, 0.5), 0.5, rng)
-    lamps = [
-        Lamp(
-            tuple((low + share * (high - low)).tolist()),  # type: ignore[arg-type]
-            strength * float(high[2] - low[2]) ** 2,
-            size=0.8,
-        )
-        for share, strength in (
-            (np.array([0.3, 0.3, 0.96]), 0.5),
-            (np.array([0.7, 0.3, 0.96]), 0.35),
-            (np.array([0.5, 0.75, 0.96]), 0.55),
-        )
-    ]
+    # Over three places of the floor, the brighter the higher.
+    lamps = []
+    for across, along, strength in ((0.3, 0.3, 0.65), (0.7, 0.3, 0.45), (0.5, 0.75, 0.7)):
+        x, y, z = (low + np.array([across, along, 0.96]) * (high - low)).tolist()
+        lamps.append(Lamp((x, y, z), strength * unit**2 * 9.0, size=0.8))
     return light(surfaces, lamps, 0.2, rng)
 
 
 def corridor(rng: np.random.Generator) -> Scene:
     """Twenty metres of doors, notice boards, skirting and lamps."""
     bounds = np.array([[-2.0, -1.1, -1.45], [18.5, 1.1, 1.15]])
-    surfaces = shell(*bounds, plain(0.62, 0.03), wood(0.3), plain(0.75), _TEXEL)
+    low, high = bounds
+    surfaces = shell(low, high, plain(0.62, 0.03), wood(0.3), plain(0.75), _TEXEL)
     for wall in _walls(bounds):
         if wall.name in ("far", "near"):
             surfaces += _door(wall, "door", 0.5 * wall.length, 0.9, rng)
@@ -227,7 +215,7 @@ def corridor(rng: np.random.Generator) -> Scene:
             )
     lamps = []
     for i, x in enumerate(np.arange(-0.8, 18.0, 3.2).tolist()):
-        lamps.append(Lamp((x, 0.0, 1.0), 1.1, 0.6))
+        lamps.append(Lamp((x, 0.0, 1.0), 1.5, 0.6))
         surfaces += box(f"lamp{i}", (x, 0.0, 1.12), (1.2, 0.2, 0.05), plain(1.0, 0.0))
     return light(surfaces, lamps, 0.2, rng)
 

@@ -161,8 +161,8 @@ class SyntheticImu:
                 yield ImuSample(*sample)
 
     def bias_at(self, stamps: NDArray[np.int64]) -> FloatArray:  # noqa: D102
-        samples = ((stamps - self._epoch) * 1e-9 - self._motion.start) * self._rate
-        return _interpolate(samples, np.arange(len(self._bias)), self._bias)
+        times = np.asarray((stamps - self._epoch) * 1e-9 - self._motion.start, dtype=np.float64)
+        return _interpolate(times, np.arange(len(self._bias)) / self._rate, self._bias)
 
 
 class RecordedImu:
@@ -213,9 +213,12 @@ class RecordedImu:
             yield ImuSample(stamp, values[:3], values[3:])
 
     def bias_at(self, stamps: NDArray[np.int64]) -> FloatArray:  # noqa: D102
-        first = self._bias_stamps[0]
-        return _interpolate((stamps - first) * 1e-9, (self._bias_stamps - first) * 1e-9, self._bias)
+        at, knots = (
+            np.asarray((s - self._bias_stamps[0]) * 1e-9, dtype=np.float64)
+            for s in (stamps, self._bias_stamps)
+        )
+        return _interpolate(at, knots, self._bias)
 
 
-def _interpolate(at: FloatArray, knots: NDArray[np.number], rows: FloatArray) -> FloatArray:
+def _interpolate(at: FloatArray, knots: FloatArray, rows: FloatArray) -> FloatArray:
     return np.stack([np.interp(at, knots, column) for column in rows.T], axis=1)

@@ -82,8 +82,9 @@ def _irradiance(
             to_lamp = source - points
             distance = np.linalg.norm(to_lamp, axis=1)
             cosine = np.einsum("ni,ni->n", to_lamp, normals) / distance
-            emitted = 0.3 + 0.7 * np.maximum(to_lamp[:, 2] / distance, 0.0)
-            direct = 0.2 * lamp.strength * emitted * np.maximum(cosine, 0.0) / distance**2
+            emitted = 0.15 + 0.85 * np.maximum(to_lamp[:, 2] / distance, 0.0)
+            near = np.maximum(distance, lamp.size) ** 2
+            direct = 0.2 * lamp.strength * emitted * np.maximum(cosine, 0.0) / near
             # Only what matters is worth the search for shadows.
             lit = np.flatnonzero(direct > 0.004)
             shaded = _shaded(points[lit], source, blockers)
@@ -119,4 +120,5 @@ def _paint(surface: Surface, irradiance: FloatArray, rng: np.random.Generator) -
     soft = cv2.GaussianBlur(irradiance.astype(np.float32), (3, 3), 0.8)
     height, width = reflectance.shape
     smooth = cv2.resize(soft, (width, height), interpolation=cv2.INTER_LINEAR)
-    return np.clip(_WHITE * reflectance * smooth + 0.5, 0.0, 255.0).astype(np.uint8)
+    brightness = np.clip(_WHITE * reflectance * smooth + 0.5, 0.0, 255.0)
+    return np.asarray(brightness, dtype=np.uint8)

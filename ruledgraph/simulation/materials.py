@@ -115,8 +115,8 @@ def poster() -> Material:
 _SHIFT = 4
 
 
-def _fixed(values: NDArray[np.float64]) -> NDArray[np.int32]:
-    return np.asarray(np.round(values * 2**_SHIFT), dtype=np.int32)
+def _fixed(values: NDArray[np.float64]) -> list[int]:
+    return [round(value * 2**_SHIFT) for value in values.tolist()]
 
 
 def _place(image: Image, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -169,4 +169,5 @@ def _scrap(image: Image, texel: float, rng: np.random.Generator, contrast: float
     radii = rng.uniform(0.03, 0.12, 5) / texel
     corners = at + radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     tone = _tone(image, at, rng, contrast)
-    cv2.fillPoly(image, [_fixed(corners)], tone, cv2.LINE_8, _SHIFT)
+    polygon = np.array([_fixed(corner) for corner in corners], dtype=np.int32)
+    cv2.fillPoly(image, [polygon], (tone,), cv2.LINE_8, _SHIFT)

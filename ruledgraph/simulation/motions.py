@@ -60,10 +60,11 @@ def _free(rng: np.random.Generator) -> _Paths:
     """Hand-held: slow sways and quicker, smaller ones on every axis."""
     frequencies = rng.uniform([[0.1], [0.25], [0.5], [0.8]], [[0.2], [0.45], [0.75], [1.1]], (4, 6))
     phases = rng.uniform(0.0, 2.0 * np.pi, (4, 6))
-    sizes = np.array([0.16, 0.11, 0.05, 0.03])[:, None] * rng.uniform(0.7, 1.2, (4, 6))
-    position, rotation = slice(0, 3), slice(3, 6)
+    # Position in m, then rotation in rad.
+    size = np.repeat([1.0, 0.6], 3) * rng.uniform(0.7, 1.2, (4, 6))
+    sizes = np.array([[0.16], [0.11], [0.05], [0.03]]) * size
     return _Paths(
-        *(Waves(sizes[:, i], frequencies[:, i], phases[:, i]) for i in (position, rotation))
+        *(Waves(sizes[:, i], frequencies[:, i], phases[:, i]) for i in (slice(3), slice(3, 6)))
     )
 
 

@@ -23,6 +23,7 @@ _ON = 1e-6
 _TRIED = 12
 # Large surfaces are cut into pieces of about this size, m, each small enough for one resolution.
 _PIECE = 2.0
+_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,8 @@ class PaintersOrder:
 
     def __init__(self, surfaces: Sequence[Surface]) -> None:
         self.fragments: list[Fragment] = []
-        shell, inside = [], []
+        shell: list[Fragment] = []
+        inside: list[Fragment] = []
         for fragment in _pieces(surfaces):
             (shell if surfaces[fragment.surface].is_shell else inside).append(fragment)
         # The shell is convex and around everything: it comes first.
@@ -154,7 +156,7 @@ def _pieces(surfaces: Sequence[Surface]) -> Iterator[Fragment]:
         rows = max(1, round(surface.height / _PIECE))
         for row in range(rows):
             for column in range(columns):
-                steps = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) + [column, row]
+                steps = _SQUARE + np.array([column, row])
                 yield Fragment(
                     i,
                     surface.corner

@@ -12,7 +12,6 @@ from ruledgraph.recording import Kind
 from ruledgraph.sensors import ADIS16448_LIKE, D435I_LIKE, Calibration, ImuNoise
 from ruledgraph.simulation.imu import RecordedImu
 from ruledgraph.simulation.measured import MeasuredMotion
-from ruledgraph.simulation.motion import Motion
 from ruledgraph.simulation.motions import MOTIONS
 from ruledgraph.simulation.scenes import SCENES
 from ruledgraph.simulation.simulation import D435I, Simulation, simulate
@@ -59,9 +58,13 @@ def simulation_from_options(
         sensors = _resized(sensors, resolution)
     path = Path(motion)
     measured = motion not in MOTIONS and path.is_file()
-    chosen: str | Motion = MeasuredMotion.read(path, start, duration) if measured else motion
+    chosen: str | MeasuredMotion = (
+        MeasuredMotion.read(path, start, duration) if measured else motion
+    )
     if measured and moving_start:
-        raise RuledgraphError("a measured motion starts as it was measured, not with --moving-start")
+        raise RuledgraphError(
+            "a measured motion starts as it was measured, not with --moving-start"
+        )
     if not measured and start:
         raise RuledgraphError("--start chooses a stretch of a measured motion, not of a named one")
     inertial: ImuNoise | RecordedImu | None
@@ -73,7 +76,7 @@ def simulation_from_options(
         inertial = RecordedImu(imu, _states(path))
     else:
         raise RuledgraphError(
-            f"IMU {imu!r} is none of {', '.join(_IMUS)}, nor a file that goes with a measured motion"
+            f"IMU {imu!r} is none of {', '.join(_IMUS)}, nor a file beside a measured motion"
         )
     return simulate(
         scene,

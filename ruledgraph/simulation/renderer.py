@@ -55,6 +55,10 @@ class _Pinhole:
         self.field = (corners @ self._pixel_to_ray.T)[:, :2]
         self._columns, self._rows = np.arange(camera.width), np.arange(camera.height)
 
+    def scale_at(self, _rows: slice, _columns: slice) -> float:
+        """Pixels in a normalised unit, in the middle of a part of the image."""
+        return self.scale
+
     def sample(self, texture: Texture, H: FloatArray, rows: slice, columns: slice) -> Texture:
         """A texture at every pixel, where H maps rays to texture pixels."""
         M = H @ self._pixel_to_ray
@@ -93,10 +97,16 @@ class _Bent:
         self.scale = float(scale.min())
         self.field = np.stack([rays.min(axis=0), rays.max(axis=0)])
 
+    def scale_at(self, rows: slice, columns: slice) -> float:
+        """As `_Pinhole.scale_at`."""
+        row, column = (rows.start + rows.stop) // 2, (columns.start + columns.stop) // 2
+        return float(self._scale[row, column])
+
     def sample(self, texture: Texture, H: FloatArray, rows: slice, columns: slice) -> Texture:
         """As `_Pinhole.sample`."""
         at = cv2.perspectiveTransform(self._rays[rows, columns], H)
-        sampled = cv2.remap(texture, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        column, row = cv2.split(at)
+        sampled = cv2.remap(texture, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(sampled)
 
     def distance(self, plane: FloatArray, rows: slice, columns: slice) -> Image:
@@ -142,8 +152,8 @@ class Renderer:
         self._next[stops - 1] = self._starts
         # Inward normals of the planes that bound the field of view, with a margin for surfaces
         # that cover part of a border pixel.
-        margin = _MARGIN / camera.focal_length
-        (left, top), (right, bottom) = self._rays.field + [[-margin], [margin]]
+        margin = _MARGIN / self._rays.scale
+        (left, top), (right, bottom) = self._rays.field + np.array([[-margin], [margin]])
         self._field_planes = np.array(
             [[0, 0, 1], [1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]], dtype=float
         )
@@ -152,7 +162,6 @@ class Renderer:
         """Brightness of every pixel, 0 to 255, (height, width)."""
         eye, world_R_cam = world_T_cam.translation(), world_T_cam.rotation().matrix()
         in_cam = (self._vertices - eye) @ world_R_cam
-        following = in_cam[self._next]
         inside = in_cam @ self._field_planes.T - [_NEAR, 0.0, 0.0, 0.0, 0.0]
         faces_eye = np.sum((eye - self._corners) * self._normals, axis=1) > 1e-6
         visible = np.all(np.maximum.reduceat(inside, self._starts) > 0.0, axis=1)
@@ -182,7 +191,9 @@ class Renderer:
             first_row, end_row, first_column, end_column = boxes.pixels[index].tolist()
             view = slice(first_row, end_row), slice(first_column, end_column)
             middle = 0.5 * (boxes.low[index] + boxes.high[index])
-            texture, H = self._textures[surface].at(maps[surface], middle, self._rays.scale)
+            texture, H = self._textures[surface].at(
+                maps[surface], middle, self._rays.scale_at(*view)
+            )
             pixels = self._rays.sample(texture, H, *view)
             edges = self._order.fragments[index].edges
             cover: Image | None = None
@@ -227,7 +238,7 @@ class Renderer:
 
     def _partial(self, planes: FloatArray, boxes: _Boxes) -> NDArray[np.bool_]:
         """For every edge: whether it leaves any pixel of its fragment's box less than full."""
-        margin = (_MARGIN + 1.0) / self._camera.focal_length
+        margin = (_MARGIN + 1.0) / self._rays.scale
         corner = np.where(
             planes[:, :2] > 0.0,
             (boxes.low - margin)[self._fragment_of],

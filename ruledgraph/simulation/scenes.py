@@ -23,7 +23,7 @@ _ROOM = np.array([[-3.5, -3.5, -1.3], [3.5, 3.5, 1.7]])
 _HALL = np.array([[-8.0, -7.0, -1.5], [12.0, 7.0, 5.5]])
 # From a measured motion to the walls, m; furniture is at most 0.6 m deep, more in a higher room.
 _CLEARANCE = np.array([2.0, 2.0, 1.0])
-_LAB_LAMPS = (Lamp((-0.6, 1.0, 1.4), 2.2, 0.6), Lamp((-1.2, -1.4, 1.4), 1.3, 0.6))
+_LAB_LAMPS = (Lamp((-0.6, 1.0, 1.4), 4.0, 0.6), Lamp((-1.2, -1.4, 1.4), 2.4, 0.6))
 
 
 class NamedScene(NamedTuple):
@@ -36,7 +36,7 @@ class NamedScene(NamedTuple):
 
 
 def _laboratory(wall: Material) -> list[Surface]:
-    return shell(*_LAB, wall, wood(0.3), plain(0.75))
+    return shell(_LAB[0], _LAB[1], wall, wood(0.3), plain(0.75))
 
 
 def _clutter_around() -> list[Surface]:
@@ -101,6 +101,7 @@ def bar(
 _CLEAN = plain(0.62, 0.015)
 _CLUTTERED = cluttered(plain(0.55, 0.03))
 
+
 def _room(description: str, bounds: FloatArray) -> NamedScene:
     return NamedScene(description, lambda rng: room(bounds, rng), bounds)
 
@@ -137,7 +138,9 @@ def make_scene(name: str, seed: int = 0, around: Motion | None = None) -> Scene:
     if around is None:
         return scene.build(rng)
     if scene.bounds is None:
-        raise RuledgraphError(f"the scene {name} has a fixed size; a motion of its own needs a room")
+        raise RuledgraphError(
+            f"the scene {name} has a fixed size; a motion of its own needs a room"
+        )
     return room(_bounds_around(around), rng)
 
 

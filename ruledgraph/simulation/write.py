@@ -39,9 +39,7 @@ class Files(NamedTuple):
     def beside(cls, out: Path) -> "Files":
         """Their names, after the recording's."""
         stem = out.parent / (out.stem if out.suffix in (".bag", ".mcap") else out.name)
-        return cls(
-            out, *(Path(f"{stem}.{name}") for name in ("calib.yaml", "gt.tum", "lines.csv"))
-        )
+        return cls(out, *(Path(f"{stem}.{name}") for name in ("calib.yaml", "gt.tum", "lines.csv")))
 
 
 def write_simulation(
