@@ -16,9 +16,9 @@ FloatArray = NDArray[np.float64]
 
 DistortionModel = Literal["none", "radtan", "equidistant"]
 _COEFFICIENTS: dict[str, tuple[int, ...]] = {"none": (0,), "radtan": (4, 5), "equidistant": (4,)}
-# Newton's iteration on the distortion stops here (normalised units, 1e-9 px at 1,000 px focal
+# Newton's iteration on the distortion stops here (normalised units, 1e-7 px at 1,000 px focal
 # length) or gives up after so many steps.
-_CONVERGED = 1e-12
+_CONVERGED = 1e-10
 _MOST_STEPS = 50
 
 
@@ -89,25 +89,26 @@ class CameraModel:
         focal = np.array([self.fx, self.fy])
         return Distorted(d * focal + [self.cx, self.cy], jacobian * focal[:, None])
 
-    def undistort(self, pixels: ArrayLike) -> FloatArray:
+    def undistort(self, pixels: ArrayLike, near: FloatArray | None = None) -> FloatArray:
         """Normalised coordinates of pixels, (N, 2); NaN where the model has no solution.
 
-        Newton's method on `distort`.
+        Newton's method on `distort`, from `near` (N, 2) if given: a guess saves steps.
         """
         uv = np.asarray(pixels, dtype=np.float64)
         target = (uv - [self.cx, self.cy]) / [self.fx, self.fy]
         if self.distortion == "none":
             return np.asarray(target)
-        xy = target.copy()
-        if self.distortion == "equidistant":
+        xy = target.copy() if near is None else near
+        if near is None and self.distortion == "equidistant":
             # From the undistorted fisheye: the angle is the distance from the centre.
             angle = np.linalg.norm(target, axis=1, keepdims=True)
             xy *= np.tan(np.minimum(angle, 1.5)) / np.maximum(angle, 1e-12)
         scale = np.array([self.fx, self.fy])
+        error = np.full_like(uv, np.inf)
         for _ in range(_MOST_STEPS):
             distorted = self.distort(xy)
             error = (distorted.pixels - uv) / scale
-            if not error.size or np.nanmax(np.abs(error), initial=0.0) < _CONVERGED:
+            if np.nanmax(np.abs(error), initial=0.0) < _CONVERGED:
                 break
             J = distorted.jacobian / scale[:, None]
             determinant = J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]
@@ -118,9 +119,8 @@ class CameraModel:
                 step_y = (J[:, 0, 0] * error[:, 1] - J[:, 1, 0] * error[:, 0]) / determinant
             xy = xy - np.stack([step_x, step_y], axis=1)
         with np.errstate(invalid="ignore"):
-            failed = ~(np.abs(self.distort(xy).pixels - uv).max(axis=1, initial=0.0) < 1e-6)
-        xy[failed] = np.nan
-        return xy
+            failed = ~(np.abs(error).max(axis=1, initial=0.0) < _CONVERGED)
+        return np.asarray(np.where(failed[:, None], np.nan, xy))
 
     def project(self, points: ArrayLike) -> FloatArray:
         """Pixels (N, 2) of points in the camera frame, (N, 3), m, which must lie in front of it."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ruledgraph.config import EdgesConfig
 from ruledgraph.edges.detect import Detector
 from ruledgraph.edges.gradient import Gradient
-from ruledgraph.edges.search import EdgePoints, Ruling, normal_of, search
+from ruledgraph.edges.search import EdgePoints, Ruling, fit_line, normal_of, search
 from ruledgraph.sensors import CameraModel, FloatArray
 
 # Deviation of a prediction across the ruling, px: of a fresh track, at least, at most.
@@ -112,7 +112,7 @@ class Tracker:
                 track.misses = max(track.misses, _MOST_MISSES)
             track.sigma = min(1.5 * track.sigma, _MOST_SIGMA)
             return None
-        b, a = np.polyfit(found.along, found.offsets, 1)
+        a, b = fit_line(found.along, found.offsets)
         offsets = np.array([a, a + b])
         gain = 0.7 if track.misses == 0 else 0.3
         track.rates = track.rates + gain * offsets / elapsed

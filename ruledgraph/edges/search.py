@@ -72,6 +72,14 @@ def normal_of(ends: FloatArray) -> FloatArray:
     return np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-12)
 
 
+def fit_line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
+    """Least squares y = a + b x: a and b."""
+    x_mean, y_mean = float(x.mean()), float(y.mean())
+    from_mean = x - x_mean
+    b = float(from_mean @ y) / float(from_mean @ from_mean)
+    return y_mean - b * x_mean, b
+
+
 def search(
     gradient: Gradient, camera: CameraModel, ruling: Ruling, beyond: float = 0.0
 ) -> EdgePoints | None:
@@ -90,11 +98,13 @@ def search(
         return None
     count = int(min(length * (1.0 + 2.0 * beyond) / _SPACING, _MOST_STATIONS)) + 1
     along = np.linspace(-beyond, 1.0 + beyond, count)
-    distorted = camera.distort(ends[0] + along[:, None] * (ends[1] - ends[0]))
+    stations = ends[0] + along[:, None] * (ends[1] - ends[0])
+    distorted = camera.distort(stations)
     usable = gradient.inside(distorted.pixels)
     if usable.sum() < _FEWEST_POINTS:
         return None
-    along, pixels, J = along[usable], distorted.pixels[usable], distorted.jacobian[usable]
+    along, stations = along[usable], stations[usable]
+    pixels, J = distorted.pixels[usable], distorted.jacobian[usable]
     # Across the ruling's image: perpendicular to J (ends[1] - ends[0]).
     tangent = np.einsum("nij,j->ni", J, ends[1] - ends[0])
     across = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
@@ -120,9 +130,9 @@ def search(
     if len(chosen) < max(_FEWEST_POINTS, _LEAST_SUPPORT * len(along)):
         return None
     station, offset, place = station[chosen], offset[chosen], place[chosen]
-    found = camera.undistort(pixels[station] + offset[:, None] * across[station])
-    fit = np.polynomial.Polynomial.fit(place, offset, 1)
-    deviation = float(np.sqrt(np.mean((offset - fit(place)) ** 2)))
+    found = camera.undistort(pixels[station] + offset[:, None] * across[station], stations[station])
+    a, b = fit_line(place, offset)
+    deviation = float(np.sqrt(np.mean((offset - a - b * place) ** 2)))
     return EdgePoints(
         points=found,
         along=place,
@@ -193,5 +203,5 @@ def _inliers(
         chosen = chosen[residual[chosen] < tolerance]
         if len(chosen) < _FEWEST_POINTS or np.ptp(s[chosen]) < 0.2:
             return chosen[:0]
-        b, a = np.polyfit(s[chosen], offset[chosen], 1)
+        a, b = fit_line(s[chosen], offset[chosen])
     return np.asarray(chosen)
