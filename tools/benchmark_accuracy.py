@@ -1,0 +1,324 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Accuracy of the odometry: real recordings, real motion in rendered rooms, simulated motions.
+
+    python tools/benchmark_accuracy.py --data ../shared/data
+    python tools/benchmark_accuracy.py --only square/ --seeds 3
+    python tools/benchmark_accuracy.py --only free --ablation
+
+ATE is evo's, SE(3)-aligned without scale, in mm, of the live and of the smoothed trajectory. NEES
+is a degree of freedom's, of the live knots against simulated truth, and should be 1. Rows are kept
+in --out as they come; a run that was interrupted goes on.
+"""
+
+import json
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import gtsam
+import numpy as np
+
+from ruledgraph.config import load_config
+from ruledgraph.errors import RuledgraphError
+from ruledgraph.evaluation import accuracy, alignment, matched
+from ruledgraph.ground_truth import GroundTruth, read_ground_truth
+from ruledgraph.lines import LineEstimate
+from ruledgraph.measurements import Frame, Measurement
+from ruledgraph.pipeline import Estimate, Odometry
+from ruledgraph.sensors import Calibration, FloatArray
+from ruledgraph.simulation import MOTIONS, Simulation
+from ruledgraph.simulation.options import simulation_from_options
+from ruledgraph.trajectory import Trajectory
+
+ABLATION = {
+    "": (),
+    "without bounded rulings": ("edges.bounded=false",),
+    "without robust loss": ("window.robust=0",),
+    "Hough": ("edges.detector=hough",),
+    "IMU only": ("edges.max_lines=2", "edges.min_length=9999"),
+}
+# A line counts as matched to a true one when it runs along it this closely (m, cosine), and as
+# observable when its ends' deviation is below this, m.
+_LINE_MATCH, _LINE_PARALLEL, _LINE_OBSERVABLE = 0.3, 0.999, 0.05
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is run."""
+
+    name: str
+    options: dict[str, Any]
+    """Of the simulation; of a real recording its files."""
+    seed: int = 0
+    variant: str = ""
+
+    @property
+    def key(self) -> str:
+        """Names the row."""
+        return f"{self.name}|{self.seed}|{self.variant}"
+
+
+def cases(data: Path | None, seeds: int) -> Iterator[Case]:
+    """All cases; the real ones where there is `data`."""
+    if data is not None:
+        bag = data / "euroc_MH_01_30s" / "MH_01_30s"
+        yield Case("real/MH_01, 30 s", {"bag": str(bag)})
+        yield Case("real/MH_01, moving 16 s", {"bag": str(bag), "duration": 16.0})
+        for scene, flight, start in (
+            ("room", "V1_01_easy", 0.0),
+            ("hall", "MH_04_difficult", 15.0),
+        ):
+            folder = data / "euroc_motion" / flight
+            yield Case(
+                f"flight/{flight} in a {scene}, 60 s",
+                {
+                    "scene": scene,
+                    "motion": str(folder / "groundtruth.csv"),
+                    "imu": str(folder / "imu0.csv"),
+                    "calibration": str(bag) + ".calib.yaml",
+                    "rate": 20.0,
+                    "start": start,
+                    "duration": 60.0,
+                },
+            )
+    for seed in range(seeds):
+        for motion in MOTIONS:
+            if motion not in ("free", "walk"):
+                yield Case(f"square/{motion}", {"scene": "square", "motion": motion}, seed)
+        for motion in ("circular-parallel", "circular-parallel-rot-y", "free"):
+            yield Case(f"noncoplanar/{motion}", {"scene": "noncoplanar", "motion": motion}, seed)
+        free = {"scene": "noncoplanar_cluttered", "motion": "free"}
+        yield Case("cluttered/free", free, seed)
+        yield Case("moving start/cluttered, free", {**free, "moving_start": True}, seed)
+        walk = {"scene": "corridor", "motion": "walk", "duration": 30.0}
+        yield Case("corridor/walk", walk, seed)
+
+
+def run(case: Case) -> dict[str, Any]:
+    """Run a case; a row of figures."""
+    simulation = None
+    if "bag" in case.options:
+        stream, calibration, truth = _real(case)
+    else:
+        simulation = simulation_from_options(**case.options, seed=case.seed)
+        stream, calibration = simulation.stream(), simulation.calibration
+        truth = _truth(simulation)
+    odometry = Odometry(calibration, load_config(None, ABLATION[case.variant]))
+    live: list[Estimate] = []
+    smoothed: list[Estimate] = []
+    lines: list[LineEstimate] = []
+    frames, started = 0, time.perf_counter()
+    for measurement in stream:
+        frames += isinstance(measurement, Frame)
+        odometry.add(measurement)
+        live += odometry.take_live()
+        smoothed += odometry.take_smoothed()
+        lines += odometry.take_lines()
+    odometry.finish()
+    smoothed += odometry.take_smoothed()
+    lines += odometry.take_lines()
+    row: dict[str, Any] = {
+        "frames": frames,
+        "estimated": len(live),
+        "recoveries": len(odometry.recoveries),
+        "lines in view": float(np.mean([e.lines for e in live])) if live else 0.0,
+        "seconds": time.perf_counter() - started,
+        "smoother": float(np.sum(odometry.timings.get("smoother", [0.0]))),
+        "search": float(np.sum(odometry.timings.get("search", [0.0]))),
+    }
+    if len(live) < 3:
+        return row | {"failed": "; ".join(odometry.warnings[-2:]) or "no start"}
+    for name, estimates in (("live", live), ("smoothed", smoothed)):
+        found = accuracy(_trajectory(estimates), truth)
+        row |= {name: 1e3 * found.ate_rmse, f"{name} max": 1e3 * found.ate_max}
+        row["path"] = found.path_length
+    if simulation is not None:
+        row |= _nees(live, simulation) | _line_errors(lines, smoothed, truth, simulation)
+    return row
+
+
+def _real(case: Case) -> tuple[Iterator[Measurement], Calibration, GroundTruth]:
+    from ruledgraph.calibration import read_calibration
+    from ruledgraph.recording import open_recording
+
+    bag = case.options["bag"]
+    recording = open_recording(Path(f"{bag}.bag"), duration=case.options.get("duration"))
+    calibration = read_calibration(Path(f"{bag}.calib.yaml"))
+    return recording.stream(), calibration, read_ground_truth(f"{bag}.gt.tum")
+
+
+def _truth(simulation: Simulation) -> GroundTruth:
+    true = simulation.ground_truth
+    poses = [
+        gtsam.Pose3(gtsam.Rot3(R), p) for R, p in zip(true.rotation, true.position, strict=True)
+    ]
+    trajectory = Trajectory.from_poses(true.stamps, poses)
+    return GroundTruth(trajectory.stamps, trajectory.positions, trajectory.quaternions)
+
+
+def _trajectory(estimates: Sequence[Estimate]) -> Trajectory:
+    return Trajectory.from_poses([e.stamp for e in estimates], [e.world_T_body for e in estimates])
+
+
+def _nees(live: Sequence[Estimate], simulation: Simulation) -> dict[str, float]:
+    """Mean over the knots of e^T S^-1 e for each degree of freedom; place and yaw of the world are
+    those of the first knot.
+    """
+    knots = [e for e in live if e.at_knot]
+    true = simulation.truth(np.array([e.stamp for e in knots]))
+    poses = [
+        gtsam.Pose3(gtsam.Rot3(R), p) for R, p in zip(true.rotation, true.position, strict=True)
+    ]
+    first = knots[0].world_T_body
+    yaw = gtsam.Rot3.Yaw(poses[0].rotation().yaw() - first.rotation().yaw())
+    shift = poses[0].translation() - yaw.rotate(first.translation())
+    true_T_world = gtsam.Pose3(yaw, shift)
+    nees: dict[str, list[float]] = {"pose": [], "velocity": [], "bias": []}
+    for i, knot in enumerate(knots):
+        pose, velocity, bias = knot.covariances
+        errors = (
+            gtsam.Pose3.Logmap(true_T_world.compose(knot.world_T_body).between(poses[i])),
+            yaw.rotate(knot.velocity) - true.velocity[i],
+            knot.bias.vector() - true.bias[i],
+        )
+        for name, e, S in zip(nees, errors, (pose, velocity, bias), strict=True):
+            nees[name].append(float(e @ np.linalg.solve(S, e)) / len(e))
+    return {f"nees {name}": float(np.mean(values)) for name, values in nees.items()}
+
+
+def _line_errors(
+    lines: Sequence[LineEstimate],
+    smoothed: Sequence[Estimate],
+    truth: GroundTruth,
+    simulation: Simulation,
+) -> dict[str, float]:
+    """Distance of observable lines' end points from the true segments, mm."""
+    kept, known = matched(_trajectory(smoothed), truth)
+    A = alignment(kept.positions, known.positions)
+    distances, observable = [], 0
+    true = simulation.lines
+    directions = true[:, 1] - true[:, 0]
+    lengths = np.linalg.norm(directions, axis=1)
+    directions = directions / lengths[:, None]
+    for line in lines:
+        if max(np.sqrt(np.trace(c)) for c in line.covariance) > _LINE_OBSERVABLE:
+            continue
+        observable += 1
+        ends = line.ends @ A[:3, :3].T + A[:3, 3]
+        along = ends[1] - ends[0]
+        along = along / np.linalg.norm(along)
+        off = np.stack([_from_segment(end, true[:, 0], directions, lengths) for end in ends])
+        off[:, np.abs(directions @ along) < _LINE_PARALLEL] = np.inf
+        best = int(np.argmin(off.max(axis=0)))
+        if off[:, best].max() < _LINE_MATCH:
+            distances += off[:, best].tolist()
+    return {
+        "line ends": 1e3 * float(np.median(distances)) if distances else float("nan"),
+        "lines observable": observable,
+        "lines matched": len(distances) // 2,
+    }
+
+
+def _from_segment(
+    point: FloatArray, starts: FloatArray, directions: FloatArray, lengths: FloatArray
+) -> FloatArray:
+    offset = point - starts
+    along = np.clip(np.sum(offset * directions, axis=1), 0.0, lengths)
+    return np.asarray(np.linalg.norm(offset - along[:, None] * directions, axis=1))
+
+
+def _attempt(case: Case) -> dict[str, Any]:
+    try:
+        return asdict(case) | run(case)
+    except RuledgraphError as error:
+        return asdict(case) | {"failed": str(error)}
+
+
+def report(rows: Sequence[dict[str, Any]]) -> str:
+    """A Markdown table: a line for each case and variant, median and worst over the seeds."""
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["name"], row["variant"]), []).append(row)
+    header = (
+        "case",
+        "seeds",
+        "path (m)",
+        "live (mm), median / worst",
+        "smoothed (mm), median / worst",
+        "line ends (mm)",
+        "NEES pose / velocity / bias",
+        "recoveries",
+        "failed",
+    )
+    table = ["| " + " | ".join(header) + " |", "|" + " --- |" * len(header)]
+    for (name, variant), group in groups.items():
+        good = [row for row in group if "failed" not in row]
+
+        def spread(key: str, good: list[dict[str, Any]] = good) -> str:
+            values = [row[key] for row in good if key in row]
+            return f"{np.median(values):.1f} / {max(values):.1f}" if values else "-"
+
+        def median(key: str, good: list[dict[str, Any]] = good) -> str:
+            values = [row[key] for row in good if np.isfinite(row.get(key, np.nan))]
+            return f"{np.median(values):.2f}" if values else "-"
+
+        cells = (
+            f"{name} {variant}".strip(),
+            str(len(group)),
+            median("path"),
+            spread("live"),
+            spread("smoothed"),
+            median("line ends"),
+            " / ".join(median(f"nees {part}") for part in ("pose", "velocity", "bias")),
+            str(sum(row["recoveries"] for row in good)),
+            str(len(group) - len(good)),
+        )
+        table.append("| " + " | ".join(cells) + " |")
+    return "\n".join(table)
+
+
+@click.command(help=__doc__)
+@click.option("--data", type=click.Path(exists=True, path_type=Path), help="Real recordings.")
+@click.option("--seeds", default=1, show_default=True, help="Of the simulated cases.")
+@click.option("--only", default="", help="Cases whose name contains this.")
+@click.option("--ablation", is_flag=True, help="Each case also without parts of the method.")
+@click.option("--jobs", default=2, show_default=True, help="Processes.")
+@click.option("--out", type=click.Path(path_type=Path), default=None, help="Rows, JSON lines.")
+def main(
+    data: Path | None, seeds: int, only: str, ablation: bool, jobs: int, out: Path | None
+) -> None:
+    """Command line."""
+    chosen = [case for case in cases(data, seeds) if only in case.name]
+    if ablation:
+        chosen = [Case(c.name, c.options, c.seed, v) for c in chosen for v in ABLATION]
+    rows: dict[str, dict[str, Any]] = {}
+    if out is not None and out.exists():
+        for line in out.read_text(encoding="utf-8").splitlines():
+            row = json.loads(line)
+            rows[Case(row["name"], {}, row["seed"], row["variant"]).key] = row
+    todo = [case for case in chosen if case.key not in rows]
+    with ProcessPoolExecutor(jobs) as pool:
+        futures = {pool.submit(_attempt, case): case for case in todo}
+        for done, future in enumerate(as_completed(futures), start=1):
+            row = future.result()
+            rows[futures[future].key] = row
+            figures = {k: round(row[k], 2) for k in ("live", "smoothed", "seconds") if k in row}
+            print(
+                f"{done}/{len(todo)} {futures[future].key} {figures} {row.get('failed', '')}",
+                file=sys.stderr,
+                flush=True,
+            )
+            if out is not None:
+                with out.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(row) + "\n")
+    print(report([rows[case.key] for case in chosen if case.key in rows]))
+
+
+if __name__ == "__main__":
+    main()
