@@ -30,7 +30,7 @@ class _Wall:
     out: FloatArray
     length: float
     unit: float = 1.0
-    """All lengths are in units of this, m: the furniture of a hall is larger."""
+    """Of all lengths but the corner, m: the furniture of a hall is larger."""
 
     def at(self, along: float, out: float, up: float) -> FloatArray:
         """Position in the world, (3,), m."""
@@ -45,7 +45,7 @@ class _Wall:
         material: Material,
         out: float = _GAP,
     ) -> list[Surface]:
-        """A box of size (along, out, up) whose back is `out` metres off the wall."""
+        """A box of size (along, out, up) whose back is `out` off the wall."""
         width, depth, height = size
         # Its axes are the wall's, so that faces are named alike on every wall.
         axes = np.stack([self.out, -self.along, _UP], axis=1)
@@ -116,9 +116,11 @@ def _table(
     top, dark = wood(float(rng.uniform(0.4, 0.6))), plain(0.15)
     leg = 0.72
     things = wall.box(f"{name}.top", middle, leg, (width, 0.6, 0.04), top)
-    for side in (-1.0, 1.0):
-        along = middle + side * (0.5 * width - 0.05)
-        things += wall.box(f"{name}.leg", along, _GAP, (0.05, 0.05, leg - 2 * _GAP), dark, 0.5)
+    for side, off in (("left", 0.05 - 0.5 * width), ("right", 0.5 * width - 0.05)):
+        along = middle + off
+        things += wall.box(
+            f"{name}.{side}_leg", along, _GAP, (0.05, 0.05, leg - 2 * _GAP), dark, 0.5
+        )
     size = (0.5, 0.05, 0.34)
     things += wall.box(f"{name}.screen", middle - 0.15 * width, leg + 0.12, size, plain(0.08), 0.2)
     return things + wall.panel(f"{name}.poster", middle, 1.35, (0.9, 0.6), poster())
@@ -179,25 +181,35 @@ _THINGS: tuple[_Thing, ...] = (_cupboard, _table, _shelves, _door, _window, _boa
 
 
 def room(bounds: FloatArray, rng: np.random.Generator) -> Scene:
-    """A room with furniture along its walls, no deeper than a seventh of the room.
+    """A room with furniture along its walls, no deeper than 1.8 m, 0.6 m in a low room.
 
     Args:
-        bounds: two opposite corners, (2, 3), m.
+        bounds: two opposite corners, (2, 3), m; at least 3 m high.
         rng: source of what stands where.
     """
     low, high = bounds
-    unit = float(max(1.0, min(high - low) / 3.0))
+    unit = float(np.clip(min(high - low) / 3.0, 1.0, 3.0))
     surfaces = shell(low, high, plain(0.6, 0.03), wood(0.35), plain(0.75), _TEXEL * unit)
     for wall in _walls(bounds, unit):
         order = rng.permutation(len(_THINGS))
         kinds = [_THINGS[i] for i in order]
         surfaces += _furnish(wall, kinds, (1.0, 1.6), (0.15, 0.5), 0.5, rng)
-    # Over three places of the floor, the brighter the higher.
-    lamps = []
-    for across, along, strength in ((0.3, 0.3, 0.65), (0.7, 0.3, 0.45), (0.5, 0.75, 0.7)):
-        x, y, z = (low + np.array([across, along, 0.96]) * (high - low)).tolist()
-        lamps.append(Lamp((x, y, z), strength * unit**2 * 9.0, size=0.8))
-    return light(surfaces, lamps, 0.2, rng)
+    return light(surfaces, _ceiling_lamps(low, high, unit), 0.25, rng)
+
+
+def _ceiling_lamps(low: FloatArray, high: FloatArray, unit: float) -> list[Lamp]:
+    """Two by two lamps of uneven strength, three along the sides of a wide room."""
+    x, y = (
+        low[i] + (np.arange(count) + 0.5) / count * (high[i] - low[i])
+        for i, count in enumerate(np.clip(np.round((high - low)[:2] / (3.5 * unit)), 2, 3))
+    )
+    # As bright on the floor however high the room is.
+    strength = 5.0 * unit**2
+    places = [(float(a), float(b)) for a in x for b in y]
+    return [
+        Lamp((*place, float(high[2]) - 0.1), strength * (1.0, 0.65, 0.8)[i % 3], 0.8)
+        for i, place in enumerate(places)
+    ]
 
 
 def corridor(rng: np.random.Generator) -> Scene:

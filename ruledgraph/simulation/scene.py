@@ -69,7 +69,7 @@ class Scene:
 
     surfaces: Sequence[Surface]
     textures: Sequence[Texture]
-    """How bright each surface is where, 255 a little above white in the light of the scene."""
+    """Brightness of each surface, lit: rows from top to bottom as seen, 0 to 255."""
     line_names: tuple[str, ...]
     lines: FloatArray
     """End points in the world, (M, 2, 3), m."""

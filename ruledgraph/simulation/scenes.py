@@ -21,8 +21,9 @@ from ruledgraph.simulation.scene import Material, Scene, Surface, box, panel, sh
 _LAB = np.array([[-3.0, -2.6, -1.3], [1.6, 2.4, 1.5]])
 _ROOM = np.array([[-3.5, -3.5, -1.3], [3.5, 3.5, 1.7]])
 _HALL = np.array([[-8.0, -7.0, -1.5], [12.0, 7.0, 5.5]])
-# From a measured motion to the walls, m; furniture is at most 0.6 m deep, more in a higher room.
+# From a measured motion to the walls, floor and ceiling, m: more than the furniture is deep.
 _CLEARANCE = np.array([2.0, 2.0, 1.0])
+_LEAST_HEIGHT = 3.0
 _LAB_LAMPS = (Lamp((-0.6, 1.0, 1.4), 4.0, 0.6), Lamp((-1.2, -1.4, 1.4), 2.4, 0.6))
 
 
@@ -147,5 +148,6 @@ def make_scene(name: str, seed: int = 0, around: Motion | None = None) -> Scene:
 def _bounds_around(motion: Motion) -> FloatArray:
     """Opposite corners, (2, 3), m, of a room that leaves a motion space."""
     positions = motion.position(np.arange(motion.start, motion.stop, 0.02))
-    low, high = positions.min(axis=0), positions.max(axis=0)
-    return np.array([low - _CLEARANCE, high + _CLEARANCE])
+    low, high = positions.min(axis=0) - _CLEARANCE, positions.max(axis=0) + _CLEARANCE
+    high[2] = max(high[2], low[2] + _LEAST_HEIGHT)
+    return np.array([low, high])
