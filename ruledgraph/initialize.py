@@ -67,8 +67,18 @@ def is_still(imu: ImuBuffer, start: float, stop: float, image_motion: float) -> 
     )
 
 
-def start_at_rest(imu: ImuBuffer, start: float, stop: float, config: Config) -> Start | Refusal:
-    """Gravity from the mean specific force, gyroscope bias from the mean rate."""
+def start_at_rest(
+    imu: ImuBuffer, stamp: int, start: float, stop: float, config: Config
+) -> Start | Refusal:
+    """Gravity from the mean specific force, gyroscope bias from the mean rate.
+
+    Args:
+        imu: samples that cover the rest.
+        stamp: of the frame at its end, where the window begins, ns.
+        start: of the rest, s.
+        stop: of the rest, s.
+        config: all settings.
+    """
     samples = imu.between(start, stop)
     force = samples.accelerometer.mean(axis=0)
     if abs(np.linalg.norm(force) - _G) > 0.15 * _G:
@@ -81,6 +91,7 @@ def start_at_rest(imu: ImuBuffer, start: float, stop: float, config: Config) -> 
     tilt = a / _G
     attitude = _level(force)
     return Start(
+        stamp=stamp,
         time=stop,
         state=gtsam.NavState(attitude, np.zeros(3), np.zeros(3)),
         bias=gtsam.imuBias.ConstantBias(np.zeros(3), rate),
@@ -126,7 +137,7 @@ def start_in_motion(
             best = batch
     if best is None:
         return Refusal("no start converged")
-    return best.start(times[0])
+    return best.start(stamps[0], times[0])
 
 
 class _Batch:
@@ -221,7 +232,7 @@ class _Batch:
                 self._line_factors.append((i, factor, weight))
         return graph
 
-    def start(self, time: float) -> Start | Refusal:
+    def start(self, stamp: int, time: float) -> Start | Refusal:
         """Check the solution, and hand it over."""
         fits = np.array(
             [
@@ -254,6 +265,7 @@ class _Batch:
         a, g = self._config.start.accelerometer_bias, self._config.start.gyroscope_bias
         pose = self.values.atPose3(0)
         return Start(
+            stamp=stamp,
             time=time,
             state=gtsam.NavState(pose, self.values.atVector(1)),
             bias=self.values.atConstantBias(2),

@@ -138,7 +138,7 @@ class Odometry:
         if self.window is None:
             return
         for interval in self.window.intervals:
-            self._hand_out(interval)
+            self._hand_out(self.window, interval)
         self._hand_out_lines([*self.window.retired, *self.window.lines.values()])
         self._ended = self.window.newest.state.pose()
         self.recoveries += self.window.recoveries
@@ -250,7 +250,7 @@ class Odometry:
         length = self.config.start.window
         if self._is_still(seen.time):
             used = [seen]
-            result = start_at_rest(self._imu, seen.time - _REST, seen.time, self.config)
+            result = start_at_rest(self._imu, seen.stamp, seen.time - _REST, seen.time, self.config)
         elif seen.time - self._frames[0].time >= length - _EARLY:
             used = [f for f in self._frames if f.time >= seen.time - length - _EARLY]
             stamps, times = [f.stamp for f in used], [f.time for f in used]
@@ -317,7 +317,7 @@ class Odometry:
 
     def _optimize(self, window: Window) -> None:
         for interval in window.optimize():
-            self._hand_out(interval)
+            self._hand_out(window, interval)
         self._hand_out_lines(window.retired)
         window.retired = []
         self._ahead = None
@@ -344,10 +344,13 @@ class Odometry:
         self._live.append(estimate)
         self._live_by_stamp[seen.stamp] = estimate
 
-    def _hand_out(self, interval: Interval) -> None:
-        """The smoothed estimates of an interval's frames."""
+    def _hand_out(self, window: Window, interval: Interval) -> None:
+        """The smoothed estimates of an interval's frames, and of the window's first frame."""
         knot = interval.knot
-        for stamp, pose in zip(interval.stamps, interval.poses(), strict=True):
+        stamps, poses = interval.stamps, interval.poses()
+        if knot.index == 0:
+            stamps, poses = [window.first_stamp, *stamps], [knot.state.pose(), *poses]
+        for stamp, pose in zip(stamps, poses, strict=True):
             live = self._live_by_stamp.pop(stamp, None)
             self._smoothed.append(
                 Estimate(

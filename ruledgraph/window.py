@@ -81,6 +81,8 @@ class Interval:
 class Start:
     """Where a window begins."""
 
+    stamp: int
+    """Of its frame, ns."""
     time: float
     state: gtsam.NavState
     bias: gtsam.imuBias.ConstantBias
@@ -119,6 +121,7 @@ class Window:
             np.diag(np.square(start.bias_sigmas)),
         )
         first = Knot(0, start.time, start.state, start.bias, covariances)
+        self.first_stamp = start.stamp
         self.knots = deque([first])
         self.intervals: deque[Interval] = deque()
         self.lines: dict[int, GraphLine] = {}

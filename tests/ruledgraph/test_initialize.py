@@ -62,7 +62,7 @@ def test_a_start_at_rest_finds_gravity_and_the_gyroscope_bias():
     bias = np.array([0.0, 0.0, 0.0, 0.02, -0.05, 0.08])
     made = ideal_tracks(0, at_rest(1.0), duration=0.9, bias=bias)
     assert is_still(made.imu, 0.2, 0.8, image_motion=0.1)
-    start = start_at_rest(made.imu, 0.2, 0.8, Config())
+    start = start_at_rest(made.imu, 800, 0.2, 0.8, Config())
     assert isinstance(start, Start)
     np.testing.assert_allclose(start.bias.gyroscope(), bias[3:], atol=2e-3)
     np.testing.assert_array_equal(start.state.velocity(), 0.0)
@@ -87,7 +87,7 @@ def test_an_accelerometer_in_g_is_refused_at_rest():
     made.imu.clear()
     for time, w, f in zip(samples.times, samples.gyroscope, samples.accelerometer, strict=True):
         made.imu.append(float(time), w, f / 9.81)
-    refusal = start_at_rest(made.imu, 0.2, 0.8, Config())
+    refusal = start_at_rest(made.imu, 800, 0.2, 0.8, Config())
     assert isinstance(refusal, Refusal)
     assert "1.00 instead of 9.81" in refusal.reason
 

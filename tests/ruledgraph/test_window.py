@@ -17,6 +17,7 @@ from simulated_window import BODY_T_CAM, FOCAL_LENGTH, hand_held
 def known_start(made: IdealTracks) -> Start:
     covariance = np.diag(np.square([0.02, 0.02, 1e-4, 1e-4, 1e-4, 1e-4]))
     return Start(
+        stamp=0,
         time=0.0,
         state=gtsam.NavState(made.motion.pose(0.0), made.motion.velocity(0.0) + 0.05),
         bias=gtsam.imuBias.ConstantBias(),

@@ -1,0 +1,169 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+
+import itertools
+
+import numpy as np
+import pytest
+
+import ruledgraph
+from ruledgraph.errors import RuledgraphError
+from ruledgraph.evaluation import alignment
+from ruledgraph.measurements import Frame, Gap, ImuSample
+from ruledgraph.pipeline import Estimate, Odometry
+from small_simulation import frames, small_simulation, small_stream
+
+
+def run(measurements, calibration) -> tuple[Odometry, list[Estimate], list[Estimate]]:
+    odometry = Odometry(calibration)
+    live, smoothed = [], []
+    for measurement in measurements:
+        odometry.add(measurement)
+        live += odometry.take_live()
+        smoothed += odometry.take_smoothed()
+    odometry.finish()
+    smoothed += odometry.take_smoothed()
+    return odometry, live, smoothed
+
+
+def ate(estimates: list[Estimate], simulation) -> float:
+    """RMSE of the aligned positions, m."""
+    true = simulation.truth(np.array([e.stamp for e in estimates])).position
+    own = np.array([e.world_T_body.translation() for e in estimates])
+    A = alignment(own, true)
+    return float(np.sqrt(np.mean(np.sum((own @ A[:3, :3].T + A[:3, 3] - true) ** 2, axis=1))))
+
+
+@pytest.mark.parametrize("moving", [False, True], ids=["from rest", "moving"])
+def test_the_trajectory_of_a_simulated_recording(moving):
+    stream, calibration = small_stream(moving=moving)
+    odometry, live, smoothed = run(stream, calibration)
+    simulation = small_simulation(moving=moving)
+    assert odometry.recoveries == []
+    # A quarter of the default image and a third of its rate; at full size it is below 1 mm.
+    assert ate(live, simulation) < 0.02
+    assert ate(smoothed, simulation) < 0.015
+    # Every frame from the start on, but for those after the last IMU sample.
+    stamps = [frame.stamp for frame in frames(stream)]
+    for estimates in (live, smoothed):
+        first = stamps.index(estimates[0].stamp)
+        assert [e.stamp for e in estimates] == stamps[first : first + len(estimates)]
+        assert first + len(estimates) >= len(stamps) - 3
+    assert len(live) > (0.6 if moving else 0.7) * len(stamps)
+    lines = odometry.take_lines()
+    assert len(lines) > 5
+    for line in lines:
+        assert line.first_stamp < line.last_stamp
+        assert np.all(np.linalg.eigvalsh(line.covariance) > -1e-9)
+
+
+def test_the_same_input_gives_the_same_output():
+    stream, calibration = small_stream()
+    stream = stream[: len(stream) // 2]
+    first, second = (run(stream, calibration) for _ in range(2))
+    for one, other in zip(first[1] + first[2], second[1] + second[2], strict=True):
+        assert one.stamp == other.stamp
+        np.testing.assert_array_equal(one.world_T_body.matrix(), other.world_T_body.matrix())
+
+
+def test_smooth_yields_the_live_estimates():
+    stream, calibration = small_stream()
+    stream = stream[: len(stream) // 2]
+    estimates = list(ruledgraph.smooth(stream, calibration))
+    _, live, _ = run(stream, calibration)
+    assert [e.stamp for e in estimates] == [e.stamp for e in live]
+
+
+def test_a_covered_lens_is_flagged_and_got_over():
+    stream, calibration = small_stream()
+    stamps = [frame.stamp for frame in frames(stream)]
+    first, last = stamps[75], stamps[105]  # one second of black
+    covered = [
+        Frame(m.stamp, np.zeros_like(m.image))
+        if isinstance(m, Frame) and first <= m.stamp <= last
+        else m
+        for m in stream
+    ]
+    odometry, live, _ = run(covered, calibration)
+    statuses = {e.stamp: e.status for e in live}
+    assert statuses[stamps[104]] == "dead reckoning"
+    assert statuses[stamps[70]] == "tracking"
+    assert live[-1].status == "tracking"
+    assert live[-1].lines >= 4
+    assert len(live) > 0.7 * len(stamps)
+    assert ate(live, small_simulation()) < 0.1  # a second by the IMU alone
+    assert odometry.recoveries == []
+
+
+def test_a_gap_in_the_imu_begins_a_new_segment():
+    stream, calibration = small_stream(moving=True)
+    stamps = [m.stamp for m in stream if isinstance(m, ImuSample)]
+    start, stop = stamps[int(0.5 * len(stamps))], stamps[int(0.62 * len(stamps))]
+    cut = []
+    for m in stream:
+        if start < m.stamp < stop:
+            continue
+        if isinstance(m, ImuSample) and m.stamp == stop:
+            cut.append(Gap(start, stop))
+        cut.append(m)
+    odometry, live, smoothed = run(cut, calibration)
+    assert sum("a new segment begins" in warning for warning in odometry.warnings) == 1
+    assert any(e.stamp < start for e in live)
+    assert any(e.stamp > stop for e in live)
+    # The new segment begins where the last one ended, and yaw goes on.
+    before = [e for e in smoothed if e.stamp <= start][-1].world_T_body
+    after = next(e for e in smoothed if e.stamp >= stop).world_T_body
+    assert np.linalg.norm(before.translation() - after.translation()) < 0.05
+    assert abs(before.rotation().yaw() - after.rotation().yaw()) < 0.1
+
+
+def test_blank_frames_never_start_and_never_crash():
+    stream, calibration = small_stream(moving=True)
+    blank = [
+        Frame(m.stamp, np.full_like(m.image, 40)) if isinstance(m, Frame) else m for m in stream
+    ]
+    odometry, live, _ = run(blank, calibration)
+    assert live == []
+    assert "0 lines were followed long enough, 6 are needed" in odometry.warnings[0]
+
+
+@pytest.mark.parametrize("rate", [10.0, 15.0])
+def test_low_frame_rates(rate):
+    stream, calibration = small_stream()
+    keep = {frame.stamp for frame in frames(stream)[:: round(30.0 / rate)]}
+    thinned = [m for m in stream if not isinstance(m, Frame) or m.stamp in keep]
+    _, live, _ = run(thinned, calibration)
+    assert len(live) > 0.6 * len(keep)
+    assert ate(live, small_simulation()) < 0.03
+
+
+def test_dropped_and_repeated_frames():
+    stream, calibration = small_stream()
+    rng = np.random.default_rng(0)
+    dropped = [m for m in stream if not isinstance(m, Frame) or rng.uniform() > 0.3]
+    repeated = list(
+        itertools.chain.from_iterable([m, m] if isinstance(m, Frame) else [m] for m in dropped)
+    )
+    _, live, _ = run(repeated, calibration)
+    assert ate(live, small_simulation()) < 0.03
+    assert len({e.stamp for e in live}) == len(live)
+
+
+def test_frames_of_another_size_are_refused():
+    _, calibration = small_stream()
+    with pytest.raises(RuledgraphError, match="a frame is 64x48, but the calibration is for 320x"):
+        Odometry(calibration).add_image(Frame(0, np.zeros((48, 64), np.uint8)))
+
+
+def test_memory_of_a_run_does_not_grow():
+    stream, calibration = small_stream()
+    odometry = Odometry(calibration)
+    for measurement in stream:
+        odometry.add(measurement)
+        odometry.take_live(), odometry.take_smoothed(), odometry.take_lines()
+    assert odometry.window is not None
+    kept = odometry.config.window.lag + 1.0
+    assert len(odometry._frames) < 30 * kept
+    assert len(odometry.window.knots) < 10 * kept
+    assert all(len(track.sightings) < 30 * kept for track in odometry.tracker.tracks)
+    assert len(odometry._live_by_stamp) < 30 * kept
