@@ -81,7 +81,7 @@ def _recording_options(command: _Command) -> _Command:
 @_recording_options
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def info(recording: Path, as_json: bool, **choice: Any) -> None:
-    r"""Show what a RECORDING holds and what would be used of it.
+    """Show what a RECORDING holds and what would be used of it.
 
     RECORDING is a ROS 1 bag, a ROS 2 bag's folder, an MCAP file or a EuRoC (ASL) folder. All of
     its stamps are read, so damage and gaps show.
@@ -111,7 +111,7 @@ def info(recording: Path, as_json: bool, **choice: Any) -> None:
 )
 @_recording_options
 def export(recording: Path, out: Path, kind: Any, **choice: Any) -> None:
-    r"""Write the camera and the IMU of a RECORDING to OUT in another format.
+    """Write the camera and the IMU of a RECORDING to OUT in another format.
 
     Frames are written grey, 8 bit, without loss. OUT must not exist.
 
@@ -184,7 +184,7 @@ def _list_simulations(context: click.Context, _option: click.Parameter, wanted: 
 def simulate(
     scene: str, motion: str, out: Path | None, kind: Any, preview: Path | None, **options: Any
 ) -> None:
-    r"""Simulate a recording of a SCENE along a MOTION, with ground truth.
+    """Simulate a recording of a SCENE along a MOTION, with ground truth.
 
     OUT is a .bag (ROS 1), an .mcap, or a folder, and must not exist. Beside it come the
     calibration (.calib.yaml), the true poses (.gt.tum) and the scene's lines (.lines.csv). MOTION
@@ -256,7 +256,7 @@ def simulate(
 @click.option("-v", "--verbose", is_flag=True, help="Say more: all warnings, stage timings.")
 @_recording_options
 def smooth(recording: Path, **options: Any) -> None:
-    r"""Estimate the metric trajectory and the lines of a RECORDING.
+    """Estimate the metric trajectory and the lines of a RECORDING.
 
     RECORDING is what `ruledgraph info` reads. The results folder gets trajectory.tum (smoothed) and
     trajectory_live.tum, states.csv, lines.csv, summary.json and the config.yaml in effect.
@@ -264,7 +264,7 @@ def smooth(recording: Path, **options: Any) -> None:
     \b
     Examples:
       ruledgraph smooth flight.bag --calibration calib.yaml
-      ruledgraph smooth MH_01_easy --output run1 --plots \
+      ruledgraph smooth MH_01_easy --output run1 --plots \\
           --ground-truth MH_01_easy/mav0/state_groundtruth_estimate0/data.csv
       ruledgraph smooth flight.bag --calibration calib.yaml --set window.lag=2
     """
