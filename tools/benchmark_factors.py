@@ -35,8 +35,8 @@ from ruledgraph_factors import (
 
 FRAMES = (1, 9, 90)
 POINTS_PER_FRAME = 20
-ROUNDS = 15
-SECONDS_PER_ROUND = 0.05
+ROUNDS = 200
+SECONDS_PER_ROUND = 0.003
 
 
 def scene(frames: int) -> tuple[FrameMotion, LineChart, list[np.ndarray], gtsam.Values]:
