@@ -31,10 +31,14 @@ class _Group(click.Group):
 
 def _print_version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
     if wanted:
-        from ruledgraph_factors import active_kernel
+        from ruledgraph_factors import FactorError, active_kernel
 
+        try:
+            kernel = active_kernel()
+        except FactorError as error:
+            raise click.UsageError(str(error)) from None
         click.echo(
-            f"ruledgraph {__version__} ({active_kernel()} kernel, gtsam {version('gtsam')}, "
+            f"ruledgraph {__version__} ({kernel} kernel, gtsam {version('gtsam')}, "
             f"numpy {version('numpy')}, Python {platform.python_version()})"
         )
         context.exit()

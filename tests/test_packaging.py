@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -32,7 +33,13 @@ def third_party_modules_after(statement: str) -> set[str]:
 
 
 def sources(package: str) -> list[Path]:
-    return sorted(Path(str(files(package))).rglob("*.py"))
+    # In an editable installation files(package) can be two folders in one, hence its origin.
+    spec = find_spec(package)
+    assert spec is not None
+    assert spec.origin is not None
+    found = sorted(Path(spec.origin).parent.rglob("*.py"))
+    assert found
+    return found
 
 
 def imported_names(node: ast.AST, inside_functions: bool) -> Iterator[str]:

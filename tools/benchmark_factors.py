@@ -1,17 +1,20 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a factor costs: microseconds for `error` and `linearize` through GTSAM.
+"""What the factors cost, in microseconds, by the native kernel and by numpy.
 
     python tools/benchmark_factors.py
 
-For 1, 9 and 90 frames, beside the same call on a `CustomFactor` whose Python callback does nothing
-but return ready-made arrays of the same size. The fastest of several rounds counts: other work on
-the machine only ever adds time. Prints a Markdown table.
+`error` and `linearize` of a factor through GTSAM for 1, 9 and 90 frames, the same of a
+`CustomFactor` whose Python callback does nothing but return ready-made arrays, and
+`preintegrate_frames`. The fastest of several rounds counts: other work on the machine only ever
+adds time. Prints Markdown tables.
 """
 
+import os
 import platform
 import timeit
 from collections.abc import Callable
+from functools import partial
 from importlib.metadata import version
 
 import gtsam
@@ -22,15 +25,18 @@ from gtsam.symbol_shorthand import B, L, V, X
 from ruledgraph_factors import (
     CompressedPoints,
     FrameMotion,
+    ImuSamples,
     IndividualPoints,
     LineChart,
+    active_kernel,
+    preintegrate_frames,
     ruled_surface_factor,
 )
 
 FRAMES = (1, 9, 90)
 POINTS_PER_FRAME = 20
-ROUNDS = 15
-SECONDS_PER_ROUND = 0.05
+ROUNDS = 200
+SECONDS_PER_ROUND = 0.003
 
 
 def scene(frames: int) -> tuple[FrameMotion, LineChart, list[np.ndarray], gtsam.Values]:
@@ -68,37 +74,88 @@ def empty_callback_factor(rows: int) -> gtsam.CustomFactor:
     return gtsam.CustomFactor(noise, [X(0), V(0), B(0), L(0)], callback)
 
 
-def microseconds(call: Callable[[gtsam.Values], object], values: gtsam.Values) -> float:
+def microseconds(call: Callable[[], object]) -> float:
     """Time of one call in the fastest round."""
-    timer = timeit.Timer(lambda: call(values))
+    timer = timeit.Timer(call)
     number, elapsed = timer.autorange()
     number = max(1, int(number * SECONDS_PER_ROUND / elapsed))
     return 1e6 * min(timer.repeat(ROUNDS, number)) / number
 
 
+def kernels() -> list[str]:
+    """The slower one first; the native one only if it was built."""
+    os.environ.pop("RULEDGRAPH_KERNEL", None)
+    return ["numpy"] if active_kernel() == "numpy" else ["numpy", "native"]
+
+
+def print_row(*cells: object) -> None:
+    """One line of a Markdown table."""
+    print("|", " | ".join(str(cell) for cell in cells), "|")
+
+
+def print_factors() -> None:
+    """`error` and `linearize`."""
+    names = kernels()
+    calls = [f"`{call}`, {name}" for call in ("error", "linearize") for name in names]
+    print_row("residual", "frames", "rows", *calls)
+    print_row("---", *["---:"] * (2 + len(calls)))
+    for kind, kind_name in ((CompressedPoints, "geometric"), (IndividualPoints, "reprojection")):
+        for frames in FRAMES:
+            motion, chart, points, values = scene(frames)
+            observed = kind.from_frames(points)
+            noise = noiseModel.Isotropic.Sigma(observed.rows, 1.0 / 600.0)
+            factors = []
+            for name in names:
+                os.environ["RULEDGRAPH_KERNEL"] = name
+                factors.append(
+                    ruled_surface_factor(noise, X(0), V(0), B(0), L(0), motion, chart, observed)
+                )
+            times = [microseconds(partial(f.error, values)) for f in factors]
+            times += [microseconds(partial(f.linearize, values)) for f in factors]
+            print_row(kind_name, frames, observed.rows, *(f"{time:.0f}" for time in times))
+
+
+def print_empty_callback() -> None:
+    """The floor under every factor written in Python."""
+    print_row("a callback that does nothing, rows", "`error`", "`linearize`")
+    print_row("---:", "---:", "---:")
+    for frames in FRAMES:
+        _, _, _, values = scene(frames)
+        for rows in (3 * frames, 2 * POINTS_PER_FRAME * frames):
+            factor = empty_callback_factor(rows)
+            times = [microseconds(partial(f, values)) for f in (factor.error, factor.linearize)]
+            print_row(rows, *(f"{time:.0f}" for time in times))
+
+
+def print_preintegration() -> None:
+    """One knot interval of 0.1 s at 90 Hz."""
+    rng = np.random.default_rng(0)
+    names = kernels()
+    print_row("`preintegrate_frames`, IMU rate", *names)
+    print_row(*["---:"] * (1 + len(names)))
+    for rate in (200, 1000):
+        times = np.arange(rate) / rate
+        imu = ImuSamples(times, rng.normal(size=(rate, 3)), rng.normal(size=(rate, 3)))
+        row = []
+        for name in names:
+            os.environ["RULEDGRAPH_KERNEL"] = name
+            frame_times = 0.5 + np.arange(1, 10) / 90.0
+            row.append(f"{microseconds(partial(preintegrate_frames, imu, 0.5, frame_times)):.0f}")
+        print_row(f"{rate} Hz", *row)
+
+
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     print(
         f"{platform.machine()}, {platform.system()}, Python {platform.python_version()}, "
         f"gtsam {version('gtsam')}, numpy {version('numpy')}; "
-        f"{POINTS_PER_FRAME} points a frame, numpy kernel, microseconds\n"
+        f"{POINTS_PER_FRAME} points a frame, microseconds\n"
     )
-    print("| factor | frames | rows | error | linearize |")
-    print("|---|---:|---:|---:|---:|")
-    for frames in FRAMES:
-        motion, chart, points, values = scene(frames)
-        factors: dict[str, gtsam.CustomFactor] = {}
-        for name, kind in (("geometric", CompressedPoints), ("reprojection", IndividualPoints)):
-            observed = kind.from_frames(points)
-            noise = noiseModel.Isotropic.Sigma(observed.rows, 1.0 / 600.0)
-            factors[name] = ruled_surface_factor(
-                noise, X(0), V(0), B(0), L(0), motion, chart, observed
-            )
-        factors["empty callback"] = empty_callback_factor(3 * frames)
-        for name, factor in factors.items():
-            error = microseconds(factor.error, values)
-            linearize = microseconds(factor.linearize, values)
-            print(f"| {name} | {frames} | {factor.dim()} | {error:.0f} | {linearize:.0f} |")
+    print_factors()
+    print()
+    print_empty_callback()
+    print()
+    print_preintegration()
 
 
 if __name__ == "__main__":

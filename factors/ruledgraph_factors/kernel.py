@@ -14,7 +14,7 @@ from ruledgraph_factors.errors import FactorError
 __all__ = ["Kernel", "active_kernel", "native"]
 
 try:
-    from ruledgraph_factors import _native as native
+    import ruledgraph_factors._native as native
 except ModuleNotFoundError:  # installed where there was no C++ compiler
     native = None  # type: ignore[assignment]
 

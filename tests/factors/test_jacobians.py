@@ -52,6 +52,14 @@ def test_random_configurations(form: str, kind, block: int) -> None:
 
 
 @pytest.mark.parametrize("kind", POINTS)
+@pytest.mark.parametrize("form", FORMS)
+def test_random_configurations_by_numpy(form: str, kind, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fewer: `test_kernels.py` holds both kernels to each other."""
+    monkeypatch.setenv("RULEDGRAPH_KERNEL", "numpy")
+    check_all((random_case(seed) for seed in range(15)), form, kind, (1e-4,), least=14)
+
+
+@pytest.mark.parametrize("kind", POINTS)
 @pytest.mark.parametrize("form", ["knot", "pose"])
 @pytest.mark.parametrize("distance", [0.05, 1e3, 1e6])
 def test_very_near_and_very_far_lines(form: str, kind, distance: float) -> None:

@@ -1,7 +1,9 @@
 // SPDX-FileCopyrightText: The ruledgraph developers
 // SPDX-License-Identifier: BSD-3-Clause
 //
-// The point-to-ruled-surface residuals and their Jacobians; needs Eigen alone.
+// The point-to-ruled-surface residuals and their Jacobians; needs Eigen alone. `evaluate` is the
+// entry: a `Geometry` and the points of as many frames are a factor's constants, a `State` its
+// variables.
 //
 // The native version of `ruledgraph_factors/ruled_surface.py`, which says what is computed and
 // stays the reference: same equations, same names, same behaviour at degenerate geometry. The
@@ -30,14 +32,14 @@ constexpr double kBehindCameraResidual = 2.0;
 constexpr double kNegligibleDepth = 1e-9;
 constexpr double kEndOn = 1e-18;
 
-/// What a factor depends on.
+/// What a factor depends on; SI units, world quantities unless said otherwise.
 struct State {
   Matrix3 rotation;  ///< world_R_body of the knot
   Vector3 position;
   Vector3 velocity;
-  Vector6 bias;
+  Vector6 bias;  ///< accelerometer, gyroscope; body
   Vector3 gravity;
-  Eigen::Vector4d line;
+  Eigen::Vector4d line;  ///< in the chart
 };
 
 /// The constants of the line variable.
