@@ -18,21 +18,32 @@ from rosbags.typesys.store import Typestore
 from ruledgraph.recording.container import RawMessage, Topic
 from ruledgraph.recording.errors import RecordingError
 
-_TRANSFORMS = "geometry_msgs/TransformStamped[] transforms"
+# Messages beside the standard ones: tf, and the markers of ethz-asl's vicon_bridge.
+_MORE_MESSAGES = {
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
+    "tf/msg/tfMessage": "geometry_msgs/TransformStamped[] transforms",
+    "vicon_bridge/msg/Marker": (
+        "string marker_name\nstring subject_name\nstring segment_name\n"
+        "geometry_msgs/Point translation\nbool occluded"
+    ),
+    "vicon_bridge/msg/Markers": (
+        "std_msgs/Header header\nuint32 frame_number\nvicon_bridge/Marker[] markers"
+    ),
+}
 
 
 class UnreadableMessageError(Exception):
     """One message that cannot be used; the others may be good."""
 
 
-def _with_tf(store: Typestore) -> Typestore:
-    for name in ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"):
-        store.register(get_types_from_msg(_TRANSFORMS, name))
+def _with_more(store: Typestore) -> Typestore:
+    for name, definition in _MORE_MESSAGES.items():
+        store.register(get_types_from_msg(definition, name))
     return store
 
 
-ROS1 = _with_tf(get_typestore(Stores.ROS1_NOETIC))
-ROS2 = _with_tf(get_typestore(Stores.ROS2_HUMBLE))
+ROS1 = _with_more(get_typestore(Stores.ROS1_NOETIC))
+ROS2 = _with_more(get_typestore(Stores.ROS2_HUMBLE))
 
 
 def stamp_of(topic: Topic, message: RawMessage) -> int:

@@ -208,10 +208,13 @@ def test_damaged_files_give_poses_or_one_line(file, text):
 # topics
 
 STORE = get_typestore(Stores.ROS1_NOETIC)
-STORE.register(
-    get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage")
-)
-T = STORE.types
+for name, definition in {
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
+    "vicon_bridge/msg/Marker": "string marker_name\nstring subject_name\nstring segment_name\n"
+    "geometry_msgs/Point translation\nbool occluded",
+    "vicon_bridge/msg/Markers": "Header header\nuint32 frame_number\nMarker[] markers",
+}.items():
+    STORE.register(get_types_from_msg(definition, name))
 
 
 def header(stamp: int):
@@ -395,3 +398,24 @@ def test_markers_of_a_vicon(scale):
     assert markers.keys() == {"wand/a", "c"}
     np.testing.assert_allclose(markers["wand/a"], [1.5, 2.0, 3.0])
     np.testing.assert_allclose(markers["c"], [4.0, 2.0, 3.0])
+
+
+def test_vicon_markers_of_a_bag(tmp_path):
+    kinds = {name: STORE.types[f"vicon_bridge/msg/{name}"] for name in ("Marker", "Markers")}
+    point, header = STORE.types["geometry_msgs/msg/Point"], STORE.types["std_msgs/msg/Header"]
+    time = STORE.types["builtin_interfaces/msg/Time"]
+    messages = [
+        kinds["Markers"](
+            header=header(seq=i, stamp=time(sec=1, nanosec=i), frame_id="vicon"),
+            frame_number=i,
+            markers=[
+                kinds["Marker"]("corner", "board", "", point(1000.0 + i, 2000.0, 3000.0), False),
+                kinds["Marker"]("hidden", "board", "", point(0.0, 0.0, 0.0), True),
+            ],
+        )
+        for i in (0, 2)
+    ]
+    bag = write_bag(tmp_path / "a.bag", {"/vicon/markers": ("vicon_bridge/msg/Markers", messages)})
+    markers = read_markers("/vicon/markers", bag)
+    assert list(markers) == ["board/corner"]
+    np.testing.assert_allclose(markers["board/corner"], [1.001, 2.0, 3.0])
