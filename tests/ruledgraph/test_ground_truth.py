@@ -215,6 +215,7 @@ for name, definition in {
     "vicon_bridge/msg/Markers": "Header header\nuint32 frame_number\nMarker[] markers",
 }.items():
     STORE.register(get_types_from_msg(definition, name))
+T = STORE.types
 
 
 def header(stamp: int):
