@@ -21,11 +21,13 @@ from ruledgraph.triangulate import View, misfit, triangulate
 from ruledgraph_factors import (
     NEW_LINE_SIGMAS,
     CompressedPoints,
+    FactorError,
     FrameMotion,
     LineChart,
     RuledSurfaceFactor,
     preintegrate_frames,
     ruled_surface_factor,
+    same_line_factor,
 )
 
 # A line that misses its points by so many times their deviation, in so many knots in a row, goes;
@@ -37,6 +39,8 @@ _NEAREST_INVERSE = 20.0
 # An estimate that departs from the IMU's prediction by more has diverged (m, m/s).
 _JUMP, _VELOCITY_JUMP = 1.0, 3.0
 _STILL_VELOCITY = 0.01
+# Beyond this (rad) a line's chart is left for a new one, tied to it this closely.
+_FAR_FROM_CHART, _SAME_LINE = 0.7, 1e-4
 # Lines whose covariance is computed anew at a knot; each takes as long as ten factors.
 _COVARIANCES = 6
 # Where a window is rebuilt its first state is trusted this much less than it said.
@@ -265,6 +269,21 @@ class Window:
         for interval, _, _ in seen:
             self._observe(interval, line)
 
+    def _reanchor(self, line: GraphLine) -> None:
+        """A new chart at the current estimate, under a new key that is tied to the old one."""
+        try:
+            chart, by_delta = line.chart.reanchor(line.delta, line.chart.world_T_anchor)
+        except FactorError:
+            return  # through its anchor: it will be judged
+        old_key, line.key = line.key, L(self._lines_so_far)
+        self._lines_so_far += 1
+        noise = noiseModel.Isotropic.Sigma(4, _SAME_LINE)
+        self._new_factors.add(same_line_factor(noise, old_key, line.key, line.chart, chart))
+        self._new_values.insert(line.key, np.zeros(4))
+        self._new_times |= {old_key: line.last_time, line.key: line.last_time}
+        line.chart, line.delta = chart, np.zeros(4)
+        line.covariance = by_delta @ line.covariance @ by_delta.T
+
     def _compressed(self, points: list[FloatArray]) -> CompressedPoints:
         most = self._config.edges.effective_points
         return CompressedPoints.from_frames(points, effective_points=most)
@@ -283,6 +302,9 @@ class Window:
         """
         predicted = self.newest.state
         gone = self._drop_old()
+        for line in self.lines.values():
+            if np.abs(line.delta).max() > _FAR_FROM_CHART:
+                self._reanchor(line)
         try:
             news = (self._new_factors, self._new_values, self._new_times)
             self._read(self._smoother.update(*news))
@@ -383,7 +405,8 @@ class Window:
             for factor in interval.imu_factors:
                 factors.add(factor)
             for line, line_factor in interval.line_factors:
-                if id(line) in current:
+                # Factors on the key a line had before it was re-anchored stay out.
+                if id(line) in current and line.key == line_factor.keys()[-1]:
                     factors.add(line_factor)
                     used[line.key] = line
         for key, line in used.items():

@@ -25,6 +25,7 @@ from ruledgraph_factors.motion import (
 )
 from ruledgraph_factors.observations import CompressedPoints, IndividualPoints, bin_points
 from ruledgraph_factors.ruling import NEW_LINE_SIGMAS, line_from_ruling
+from ruledgraph_factors.same_line import same_line_factor
 from ruledgraph_factors.spec import RuledSurfaceSpec
 
 __all__ = [
@@ -50,5 +51,6 @@ __all__ = [
     "ruled_surface_factor_with_gravity_direction",
     "ruled_surface_factor_with_gravity_vector",
     "ruled_surface_pose_factor",
+    "same_line_factor",
     "solve_first_window",
 ]
