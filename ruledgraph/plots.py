@@ -24,6 +24,8 @@ from ruledgraph.trajectory import Trajectory, read_tum
 _OVERLAY_INTERVAL, _MOST_OVERLAYS = 1.0, 12
 # Ruled surfaces are shown of so many lines over so long a stretch, s, from the first start.
 _SURFACES, _SURFACE_LENGTH, _SURFACE_POINTS = 8, 2.0, 25
+# Lines further away than this from the path's middle, or known worse, are left out, m.
+_FURTHEST, _LINE_SIGMA = 15.0, 0.2
 _COLORS = mpl.colormaps["tab20"]
 
 
@@ -102,6 +104,16 @@ def _ends(lines: list[dict[str, str]]) -> FloatArray:
     return np.array(numbers).reshape(-1, 2, 3)
 
 
+def _sigmas(lines: list[dict[str, str]]) -> FloatArray:
+    """Deviation of the worse end of each line, m."""
+    diagonal = ("xx", "yy", "zz")
+    variances = [
+        [sum(float(line[f"covariance{end}_{c}"]) for c in diagonal) for end in (1, 2)]
+        for line in lines
+    ]
+    return np.sqrt(np.array(variances).reshape(-1, 2).max(axis=1))
+
+
 def _three_views(
     trajectory: Trajectory, lines: list[dict[str, str]], truth: GroundTruth | None
 ) -> Figure:
@@ -117,10 +129,11 @@ def _three_views(
             true_positions = known.positions @ A[:3, :3].T + A[:3, 3]
     ends = _ends(lines)
     centre = trajectory.positions.mean(axis=0)
-    near = np.all(np.linalg.norm(ends - centre, axis=2) < 15.0, axis=1) if len(ends) else []
+    near = np.linalg.norm(ends - centre, axis=2).max(axis=1) < _FURTHEST
+    shown = ends[near & (_sigmas(lines) < _LINE_SIGMA)]
     for i, (a, b, name) in enumerate(((0, 1, "top"), (0, 2, "side"), (1, 2, "front"))):
         axes = figure.add_subplot(1, 3, i + 1)
-        for pair in ends[near] if len(ends) else []:
+        for pair in shown:
             axes.plot(pair[:, a], pair[:, b], color="0.7", linewidth=0.8)
         if true_positions is not None:
             axes.plot(true_positions[:, a], true_positions[:, b], "k--", label="ground truth")
