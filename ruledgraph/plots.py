@@ -111,7 +111,7 @@ def _sigmas(lines: list[dict[str, str]]) -> FloatArray:
         [sum(float(line[f"covariance{end}_{c}"]) for c in diagonal) for end in (1, 2)]
         for line in lines
     ]
-    return np.sqrt(np.array(variances).reshape(-1, 2).max(axis=1))
+    return np.asarray(np.sqrt(np.array(variances).reshape(-1, 2).max(axis=1)))
 
 
 def _three_views(
