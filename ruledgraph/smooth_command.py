@@ -88,6 +88,8 @@ def _calibration(
             )
         paths = [recording]
     noise = TYPICAL_IMU_NOISE[imu] if imu else None
+    if imu:
+        click.echo(f"warning: typical IMU noise of a {imu}, not this sensor's own", err=True)
     topic = source.image_topic
     return read_calibration(
         *paths, camera=camera, image_topic=topic.name if topic else None, imu_noise=noise

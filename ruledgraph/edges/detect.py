@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ruledgraph.edges.sobel import sobel_points
 from ruledgraph.sensors import FloatArray
 
 Detector = Callable[[NDArray[np.uint8]], FloatArray]
@@ -16,21 +17,12 @@ Detector = Callable[[NDArray[np.uint8]], FloatArray]
 # largest gap 5 px; the strongest line's points are removed and the transform repeated.
 _HOUGH_ROUNDS = 20
 _HOUGH_REMOVE = 5
-# Of the 3x3 Sobel kernel, whose slope is eight times the grey levels per pixel.
-_SOBEL_THRESHOLD = 60.0
 
 
 def detect_lsd(image: NDArray[np.uint8]) -> FloatArray:
     """Segments by OpenCV's line segment detector (von Gioi et al. 2010), ends in px, (N, 2, 2)."""
     found = cv2.createLineSegmentDetector().detect(image)[0]
     return np.zeros((0, 2, 2)) if found is None else np.asarray(found, float).reshape(-1, 2, 2)
-
-
-def sobel_points(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Where the Sobel gradient exceeds a threshold: the paper's points, (height, width)."""
-    x = cv2.Sobel(image, cv2.CV_32F, 1, 0)
-    y = cv2.Sobel(image, cv2.CV_32F, 0, 1)
-    return np.asarray(cv2.magnitude(x, y) > _SOBEL_THRESHOLD)
 
 
 def detect_hough(image: NDArray[np.uint8]) -> FloatArray:
