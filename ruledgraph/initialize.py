@@ -34,7 +34,8 @@ _DISTANCES = (1.0, 3.0)
 _ROUNDS = (6.0, 2.0, 1.0)
 # Frames of a line that share one loss, and the most frames used.
 _CHUNK, _MOST_FRAMES = 4, 20
-# What a start must reach: lines, share of them that fit, deviation of the velocity (m/s).
+# What a start must reach: lines, share of them that fit (to so many px, root mean square),
+# deviation of the velocity (m/s).
 _FEWEST_LINES, _LEAST_FIT, _WORST_VELOCITY = 6, 0.7, 0.08
 _FIT = 1.0
 _TILT_SIGMA = 0.5
@@ -157,7 +158,8 @@ class _Batch:
         self._seen = seen
         self._calibration = calibration
         self._config = config
-        self._deviation = config.edges.deviation / calibration.camera.focal_length
+        self._focal = calibration.camera.focal_length
+        self._deviation = config.edges.deviation / self._focal
         bias = gtsam.imuBias.ConstantBias()
         motion = preintegrate_frames(self._samples, times[0], times, bias)
         self._attitude = _level(motion.preintegrated[-1, 6:9])
@@ -213,8 +215,9 @@ class _Batch:
                     points[part], effective_points=self._config.edges.effective_points
                 )
                 weight = float(np.sum(compressed.statistics[:, :, 2] ** 2))
+                size = robust / self._config.edges.deviation
                 noise = noiseModel.Robust.Create(
-                    noiseModel.mEstimator.Cauchy.Create(robust * np.sqrt(weight)),
+                    noiseModel.mEstimator.Cauchy.Create(size * np.sqrt(weight)),
                     noiseModel.Isotropic.Sigma(compressed.rows, self._deviation),
                 )
                 factor = ruled_surface_factor(
@@ -236,7 +239,7 @@ class _Batch:
         """Check the solution, and hand it over."""
         fits = np.array(
             [
-                np.linalg.norm(factor.unwhitenedError(self.values)) / self._deviation / np.sqrt(w)
+                self._focal * np.linalg.norm(factor.unwhitenedError(self.values)) / np.sqrt(w)
                 for _, factor, w in self._line_factors
             ]
         )

@@ -50,13 +50,13 @@ class View:
     bias: gtsam.imuBias.ConstantBias
 
     def residual(
-        self, chart: LineChart, body_T_cam: gtsam.Pose3, deviation: float
+        self, chart: LineChart, body_T_cam: gtsam.Pose3
     ) -> Callable[[FloatArray, bool], Residual]:
         """Residual of a line in `chart` by its delta; its Jacobian has the factors' columns."""
         spec = RuledSurfaceSpec(
             form="knot",
             keys=(0, 1, 2, 3),  # of no graph
-            noise_model=noiseModel.Isotropic.Sigma(self.points.rows, deviation),
+            noise_model=noiseModel.Unit.Create(self.points.rows),
             chart=chart,
             motion=self.motion,
             points=self.points,
@@ -87,15 +87,13 @@ class LineFit:
     """One over its distance from the first camera, 1/m, and the deviation of that."""
     inverse_sigma: float
     misfit: float
-    """Root mean square distance of the points, in units of their deviation."""
+    """Root mean square distance of the points, normalised units."""
 
 
-def misfit(
-    chart: LineChart, delta: FloatArray, view: View, body_T_cam: gtsam.Pose3, deviation: float
-) -> float:
-    """Root mean square distance of a view's points from a line, in units of their deviation."""
-    value = view.residual(chart, body_T_cam, deviation)(delta, False).value
-    return float(np.linalg.norm(value) / deviation / np.sqrt(view.weight))
+def misfit(chart: LineChart, delta: FloatArray, view: View, body_T_cam: gtsam.Pose3) -> float:
+    """Root mean square distance of a view's points from a line, normalised units."""
+    value = view.residual(chart, body_T_cam)(delta, False).value
+    return float(np.linalg.norm(value) / np.sqrt(view.weight))
 
 
 def triangulate(
@@ -121,7 +119,7 @@ def triangulate(
         chart = line_from_ruling(world_T_cam, points, _INVERSE_DISTANCES[1])
     except FactorError:
         return None
-    residuals = [view.residual(chart, body_T_cam, deviation) for view in views]
+    residuals = [view.residual(chart, body_T_cam) for view in views]
 
     def whitened(delta: FloatArray, want_jacobian: bool) -> tuple[FloatArray, FloatArray]:
         values, jacobians = [delta / _PRIOR], [np.diag(1.0 / _PRIOR)]
@@ -149,7 +147,7 @@ def triangulate(
     except FactorError:
         return None
     sigma = float(np.sqrt(slope @ covariance @ slope))
-    return LineFit(recentred, inverse, sigma, float(np.sqrt(cost(delta) / weight)))
+    return LineFit(recentred, inverse, sigma, deviation * float(np.sqrt(cost(delta) / weight)))
 
 
 def _descend(delta: FloatArray, whitened: _Whitened) -> FloatArray:

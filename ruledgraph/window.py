@@ -30,7 +30,7 @@ from ruledgraph_factors import (
     same_line_factor,
 )
 
-# A line that misses its points by so many times their deviation, in so many knots in a row, goes;
+# A line that misses its points by so much (px, root mean square) in so many knots in a row goes;
 # one that does so at once does not enter.
 _BAD_MISFIT, _BAD_KNOTS, _NEW_MISFIT = 2.0, 2, 1.5
 _FEWEST_SIGHTINGS = 3
@@ -117,7 +117,8 @@ class Window:
         self._body_T_cam = calibration.body_T_cam
         self._config = config
         self._imu_params = calibration.imu_noise.preintegration_params()
-        self._deviation = config.edges.deviation / calibration.camera.focal_length
+        self._focal = calibration.camera.focal_length
+        self._deviation = config.edges.deviation / self._focal
         self._smoother = self._fresh_smoother()
         covariances = (
             start.pose_covariance,
@@ -246,7 +247,7 @@ class Window:
             first, index, points = seen[0]
             anchor = first.poses()[index[0]].compose(self._body_T_cam)
             fit = triangulate(anchor, points[0], views, self._body_T_cam, self._deviation)
-            if fit is None or fit.misfit > _NEW_MISFIT:
+            if fit is None or fit.misfit * self._focal > _NEW_MISFIT:
                 return
             if fit.inverse < -2.0 * fit.inverse_sigma or fit.inverse > _NEAREST_INVERSE:
                 track.give_up()
@@ -366,7 +367,7 @@ class Window:
             if not index:
                 continue
             view = self._view(interval, index, points)
-            off = misfit(line.chart, line.delta, view, self._body_T_cam, self._deviation)
+            off = misfit(line.chart, line.delta, view, self._body_T_cam) * self._focal
             inverse, sigma = line.inverse_distance()
             bad = off > _BAD_MISFIT or inverse < -2.0 * sigma - 0.01
             line.bad_knots = line.bad_knots + 1 if bad else 0
