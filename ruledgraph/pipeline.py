@@ -209,15 +209,19 @@ class Odometry:
             self._predict(self.window, seen.time)
             world_T_cam = self._state.pose().compose(self.calibration.body_T_cam)
         focal = self.calibration.camera.focal_length
-        count = 0
-        for track in self.tracker.tracks:
+        graph_lines = self.window.lines if self.window is not None else {}
+        lines = [graph_lines.get(track.number) for track in self.tracker.tracks]
+        rulings = []
+        for track, line in zip(self.tracker.tracks, lines, strict=True):
             ruling = track.predict_by_rotation(cam_R_before, seen.time - before.time, focal)
-            line = self.window.lines.get(track.number) if self.window else None
             if line is not None:
                 ruling = line.ruling(world_T_before, world_T_cam, ruling, focal)
-            found = self.tracker.follow(seen.stamp, seen.time, gradient, track, ruling)
-            count += int(line is not None and found is not None)
-        return count
+            rulings.append(ruling)
+        found = self.tracker.follow(seen.stamp, seen.time, gradient, rulings)
+        return sum(
+            line is not None and points is not None
+            for line, points in zip(lines, found, strict=True)
+        )
 
     def _turn(self, start: float, stop: float) -> FloatArray:
         """cam_R_before between two frames, from the gyroscope."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ruledgraph.config import EdgesConfig
 from ruledgraph.edges.detect import Detector
 from ruledgraph.edges.gradient import Gradient
-from ruledgraph.edges.search import EdgePoints, Ruling, fit_line, normal_of, search
+from ruledgraph.edges.search import EdgePoints, Ruling, normal_of, search, search_all
 from ruledgraph.sensors import CameraModel, FloatArray
 
 # Deviation of a prediction across the ruling, px: of a fresh track, at least, at most.
@@ -95,16 +95,30 @@ class Tracker:
         self._low, self._high = np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)
 
     def follow(
-        self, stamp: int, time: float, gradient: Gradient, track: Track, ruling: Ruling
-    ) -> EdgePoints | None:
-        """Look for a track where it is predicted; update it. What was found, None if nothing."""
-        ends = self._clip(ruling.ends)
-        if ends is None:
-            track.give_up()
-            return None
-        elapsed = max(time - track.last_seen, 1e-3)
+        self, stamp: int, time: float, gradient: Gradient, rulings: Sequence[Ruling]
+    ) -> list[EdgePoints | None]:
+        """Look for every track where it is predicted, one ruling for each of `tracks`; update them.
+
+        What was found of each, None if nothing.
+        """
+        visible: list[tuple[Track, Ruling]] = []
+        for track, ruling in zip(self.tracks, rulings, strict=True):
+            ends = self._clip(ruling.ends)
+            if ends is None:
+                track.give_up()
+            else:
+                visible.append((track, ruling._replace(ends=ends)))
         beyond = _BEYOND if self._config.bounded else 10.0
-        found = search(gradient, self._camera, ruling._replace(ends=ends), beyond)
+        searched = search_all(gradient, self._camera, [ruling for _, ruling in visible], beyond)
+        found: dict[int, EdgePoints | None] = {}
+        for (track, ruling), points in zip(visible, searched, strict=True):
+            found[track.number] = self._update(stamp, time, track, ruling.ends, points)
+        return [found.get(track.number) for track in self.tracks]
+
+    def _update(
+        self, stamp: int, time: float, track: Track, ends: FloatArray, found: EdgePoints | None
+    ) -> EdgePoints | None:
+        """Take in what the search between `ends` found; None if it is not good enough."""
         if found is None or found.ambiguous or found.deviation > _STRAIGHT:
             track.ends = ends
             track.misses += 1
@@ -112,10 +126,10 @@ class Tracker:
                 track.misses = max(track.misses, _MOST_MISSES)
             track.sigma = min(1.5 * track.sigma, _MOST_SIGMA)
             return None
-        a, b = fit_line(found.along, found.offsets)
+        a, b = found.line
         offsets = np.array([a, a + b])
         gain = 0.7 if track.misses == 0 else 0.3
-        track.rates = track.rates + gain * offsets / elapsed
+        track.rates = track.rates + gain * offsets / max(time - track.last_seen, 1e-3)
         track.sigma = max(_LEAST_SIGMA + 0.8, 0.7 * track.sigma)
         track.ends = _extent(ends, found)
         track.slope = 0.8 * track.slope + 0.2 * found.slope

@@ -24,7 +24,8 @@ class Gradient:
         x = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1.0 / 32.0)
         y = cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=1.0 / 32.0)
         # Side by side in memory: one look-up fetches both.
-        self._xy = np.stack([x, y], axis=-1).reshape(-1, 2)
+        self.xy: NDArray[np.float32] = cv2.merge([x, y])
+        """(height, width, 2)."""
 
     def inside(self, pixels: FloatArray) -> NDArray[np.bool_]:
         """Which pixels (..., 2) can be sampled."""
@@ -39,11 +40,11 @@ class Gradient:
         at = np.where(usable[..., None], pixels, _BORDER)
         whole = at.astype(np.int64)
         share = (at - whole).astype(np.float32)
-        index = whole[..., 1] * self.width + whole[..., 0]
+        xy, index = self.xy.reshape(-1, 2), whole[..., 1] * self.width + whole[..., 0]
         u, v = share[..., :1], share[..., 1:]
-        top = self._xy[index] * (1.0 - u) + self._xy[index + 1] * u
+        top = xy[index] * (1.0 - u) + xy[index + 1] * u
         below = index + self.width
-        bottom = self._xy[below] * (1.0 - u) + self._xy[below + 1] * u
+        bottom = xy[below] * (1.0 - u) + xy[below + 1] * u
         gradient = top * (1.0 - v) + bottom * v
         slope = np.sum(gradient * directions.astype(np.float32), axis=-1)
         return np.asarray(np.where(usable, slope, np.float32(0.0)))

@@ -8,6 +8,7 @@ of all straight lines inside the band the one with most candidates wins. No pict
 and nothing is compared with another frame: stations and points pass through the camera model.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,6 +17,12 @@ from numpy.typing import NDArray
 
 from ruledgraph.edges.gradient import Gradient
 from ruledgraph.sensors import CameraModel, FloatArray
+from ruledgraph_factors import active_kernel
+
+try:
+    import ruledgraph.edges._native_search as native
+except ModuleNotFoundError:  # installed where there was no C++ compiler
+    native = None  # type: ignore[assignment]
 
 # Distance between stations along the ruling, px, and the most stations.
 _SPACING = 3.0
@@ -56,6 +63,8 @@ class EdgePoints:
     """Their place along the predicted segment, 0 at its first and 1 at its second end, (N,)."""
     offsets: FloatArray
     """px across the prediction, (N,)."""
+    line: tuple[float, float]
+    """a and b of the straight line through them: offset = a + b along, px."""
     support: float
     """Share of the stations that have a point."""
     deviation: float
@@ -137,11 +146,33 @@ def search(
         points=found,
         along=place,
         offsets=offset,
+        line=(a, b),
         support=len(chosen) / len(along),
         deviation=deviation,
         slope=float(np.copysign(np.median(height[chosen]), ruling.slope)),
         ambiguous=ambiguous,
     )
+
+
+def search_all(
+    gradient: Gradient, camera: CameraModel, rulings: Sequence[Ruling], beyond: float = 0.0
+) -> list[EdgePoints | None]:
+    """`search` of every ruling, by the native kernel if there is one; the arguments are the same.
+
+    Raises:
+        FactorError: when the environment asks for a kernel that there is not.
+    """
+    if active_kernel() == "numpy" or native is None:
+        return [search(gradient, camera, ruling, beyond) for ruling in rulings]
+    all_found = native.search_all(
+        gradient.xy,
+        native.Camera(**vars(camera)),
+        np.array([ruling.ends for ruling in rulings]).reshape(-1, 2, 2),
+        np.array([ruling.sigmas for ruling in rulings]).reshape(-1, 2),
+        np.array([ruling.slope for ruling in rulings]),
+        beyond,
+    )
+    return [None if found is None else EdgePoints(*found) for found in all_found]
 
 
 def _maxima(

@@ -1,0 +1,302 @@
+// SPDX-FileCopyrightText: The ruledgraph developers
+// SPDX-License-Identifier: BSD-3-Clause
+//
+// Edge points along predicted rulings, in plain C++; `search` is the entry. The native version of
+// `search` in `ruledgraph/edges/search.py` and of `Gradient` beside it, which say what is computed
+// and stay the reference: same steps, same order of operations, same names. Slopes are float there
+// and here.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "ruledgraph/camera.hpp"
+
+namespace ruledgraph {
+
+constexpr double kSpacing = 3.0;
+constexpr int kMostStations = 80, kFewestPoints = 8;
+constexpr double kLeastSlope = 1.5, kLeastShare = 0.3;
+constexpr double kVote = 1.0, kInlier = 0.7;
+constexpr double kApart = 3.0, kAmbiguous = 0.85;
+constexpr double kLeastSupport = 0.35;
+constexpr double kBorder = 3.0;
+
+/// The image gradient, x and y side by side, rows from the top; not owned.
+struct GradientView {
+  const float* xy;
+  int width, height;
+
+  bool inside(Point pixel) const {
+    return pixel.x >= kBorder && pixel.y >= kBorder && pixel.x <= width - 1.0 - kBorder &&
+           pixel.y <= height - 1.0 - kBorder;
+  }
+
+  /// Derivative along a unit direction by bilinear interpolation; outside the image 0.
+  float along(Point pixel, Point direction) const {
+    if (!inside(pixel)) return 0.0F;
+    const auto column = static_cast<std::int64_t>(pixel.x);
+    const auto row = static_cast<std::int64_t>(pixel.y);
+    const auto u = static_cast<float>(pixel.x - static_cast<double>(column));
+    const auto v = static_cast<float>(pixel.y - static_cast<double>(row));
+    const float* top = xy + 2 * (row * width + column);
+    const float* bottom = top + 2 * static_cast<std::int64_t>(width);
+    const auto blend = [&](int axis) {
+      const float above = top[axis] * (1.0F - u) + top[axis + 2] * u;
+      const float below = bottom[axis] * (1.0F - u) + bottom[axis + 2] * u;
+      return above * (1.0F - v) + below * v;
+    };
+    return blend(0) * static_cast<float>(direction.x) + blend(1) * static_cast<float>(direction.y);
+  }
+};
+
+/// A predicted segment: ends, normalised; deviation across it at both, px; usual signed slope.
+struct Ruling {
+  Point first, second;
+  double sigma_first, sigma_second;
+  double slope;
+};
+
+/// y = a + b x.
+struct StraightLine {
+  double a, b;
+};
+
+/// What was found along a ruling; as `EdgePoints` in Python.
+struct EdgePoints {
+  std::vector<Point> points;
+  std::vector<double> along, offsets;
+  StraightLine line;
+  double support, deviation, slope;
+  bool ambiguous;
+};
+
+namespace edge_search {
+
+/// Where the slope across the ruling is looked at.
+struct Station {
+  double along;
+  Point normalised, pixel, across;
+};
+
+/// A local maximum of the slope.
+struct Candidate {
+  std::size_t station;
+  double place, offset, height;
+  double s() const { return 2.0 * place - 1.0; }
+};
+
+/// Least squares of `y(c)` over `x(c)`.
+template <typename X, typename Y>
+StraightLine fit_line(const std::vector<Candidate>& candidates, X x, Y y) {
+  const auto count = static_cast<double>(candidates.size());
+  double x_mean = 0.0, y_mean = 0.0;
+  for (const Candidate& c : candidates) {
+    x_mean += x(c);
+    y_mean += y(c);
+  }
+  x_mean /= count;
+  y_mean /= count;
+  double xy = 0.0, xx = 0.0;
+  for (const Candidate& c : candidates) {
+    const double from_mean = x(c) - x_mean;
+    xy += from_mean * y(c);
+    xx += from_mean * from_mean;
+  }
+  const double b = xy / xx;
+  return {y_mean - b * x_mean, b};
+}
+
+/// The stations inside the image, none where the ruling has too few or no sensible length.
+inline std::vector<Station> stations(const GradientView& gradient, const Camera& camera,
+                                     const Ruling& ruling, double beyond) {
+  const Point segment = ruling.second - ruling.first;
+  const double length =
+      norm(camera.distort(ruling.second).pixel - camera.distort(ruling.first).pixel);
+  if (!(kSpacing * kFewestPoints < length && length < 4.0 * (camera.width + camera.height))) {
+    return {};
+  }
+  const double extent = std::max(std::hypot(segment.x, segment.y), 1e-12);
+  const Point normal{-segment.y / extent, segment.x / extent};
+  const int last = static_cast<int>(
+      std::min(length * (1.0 + 2.0 * beyond) / kSpacing, static_cast<double>(kMostStations)));
+  const double step = (1.0 + beyond + beyond) / last;
+  std::vector<Station> found;
+  for (int i = 0; i <= last; ++i) {
+    const double along = i == last ? 1.0 + beyond : i * step - beyond;
+    const Point normalised = ruling.first + along * segment;
+    const Distorted distorted = camera.distort(normalised);
+    if (!gradient.inside(distorted.pixel)) continue;
+    // Across the ruling's image: perpendicular to J (second - first).
+    const Matrix2& J = distorted.jacobian;
+    const Point tangent = J * segment;
+    const double size = norm(tangent);
+    Point across{-tangent.y / size, tangent.x / size};
+    const Point turned = J * normal;
+    if (across.x * turned.x + across.y * turned.y < 0.0) across = -1.0 * across;
+    found.push_back({along, normalised, distorted.pixel, across});
+  }
+  if (found.size() < kFewestPoints) found.clear();
+  return found;
+}
+
+/// Local maxima of the slope across the ruling within the band, by a parabola; in order of station.
+inline std::vector<Candidate> maxima(const GradientView& gradient, const Ruling& ruling,
+                                     const std::vector<Station>& stations) {
+  const double sigma_first = ruling.sigma_first, sigma_second = ruling.sigma_second;
+  const int half = static_cast<int>(std::ceil(3.0 * std::max(sigma_first, sigma_second))) + 1;
+  const auto sign = static_cast<float>((ruling.slope > 0.0) - (ruling.slope < 0.0));
+  const auto least =
+      static_cast<float>(std::max(kLeastSlope, kLeastShare * std::abs(ruling.slope)));
+  std::vector<float> slopes(static_cast<std::size_t>(2 * half + 3));
+  std::vector<Candidate> found;
+  for (std::size_t i = 0; i < stations.size(); ++i) {
+    const Station& station = stations[i];
+    for (int step = -half - 1; step <= half + 1; ++step) {
+      slopes[static_cast<std::size_t>(step + half + 1)] =
+          gradient.along(station.pixel + step * station.across, station.across) * sign;
+    }
+    for (int step = -half; step <= half; ++step) {
+      const float* at = slopes.data() + (step + half + 1);
+      if (!(at[0] > least && at[0] >= at[-1] && at[0] > at[1])) continue;
+      const double middle = at[0], left = at[-1], right = at[1];
+      const double offset = step + 0.5 * (left - right) / (left - 2.0 * middle + right);
+      const double sigma = sigma_first + (sigma_second - sigma_first) * station.along;
+      if (std::abs(offset) <= 3.0 * sigma + 1.0) {
+        found.push_back({i, station.along, offset, middle});
+      }
+    }
+  }
+  return found;
+}
+
+/// The line offset = a + b (2 place - 1) with most candidates near it, less a penalty for its
+/// distance from the prediction; and whether another comes close.
+inline std::pair<StraightLine, bool> vote(const std::vector<Candidate>& candidates,
+                                          const Ruling& ruling) {
+  const double tilt = 3.0 * std::max(ruling.sigma_first, ruling.sigma_second);
+  double furthest = 0.0;
+  for (const Candidate& c : candidates) furthest = std::max(furthest, std::abs(c.offset));
+  const int steepest = static_cast<int>(std::ceil(tilt));
+  const int reach = static_cast<int>(std::ceil(furthest + tilt)) + 2;
+  const double first = std::max(ruling.sigma_first, 0.5);
+  const double second = std::max(ruling.sigma_second, 0.5);
+  const auto bins = static_cast<std::size_t>(2 * reach + 1);
+  std::vector<double> votes(bins);
+  std::vector<double> score;
+  score.reserve(static_cast<std::size_t>(2 * steepest + 1) * bins);
+  for (int b = -steepest; b <= steepest; ++b) {
+    std::fill(votes.begin(), votes.end(), 0.0);
+    for (const Candidate& c : candidates) {
+      const int cell = static_cast<int>(std::nearbyint(c.offset - c.s() * b)) + reach;
+      if (cell >= 0 && cell <= 2 * reach) votes[static_cast<std::size_t>(cell)] += 1.0;
+    }
+    for (std::size_t i = 0; i < bins; ++i) {
+      double smooth = votes[i];
+      if (i > 0) smooth += 0.5 * votes[i - 1];
+      if (i + 1 < bins) smooth += 0.5 * votes[i + 1];
+      const int a = static_cast<int>(i) - reach;
+      const double at_first = (a - b) / first, at_second = (a + b) / second;
+      // One sigma off at both ends costs as much as 5 % of the points.
+      const double away = at_first * at_first + at_second * at_second;
+      score.push_back(smooth * std::max(1.0 - 0.025 * away, 0.0));
+    }
+  }
+  const auto best = std::max_element(score.begin(), score.end());
+  const auto winner = static_cast<std::size_t>(best - score.begin());
+  const int b0 = static_cast<int>(winner / bins) - steepest;
+  const int a0 = static_cast<int>(winner % bins) - reach;
+  double rival = 0.0;
+  auto next = score.begin();
+  for (int b = -steepest; b <= steepest; ++b) {
+    for (int a = -reach; a <= reach; ++a, ++next) {
+      const int distance = std::max(std::abs(a - b - a0 + b0), std::abs(a + b - a0 - b0));
+      if (distance > kApart) rival = std::max(rival, *next);
+    }
+  }
+  return {{static_cast<double>(a0), static_cast<double>(b0)}, rival > kAmbiguous * *best};
+}
+
+/// The points on the line, one for each station, after refining it twice.
+inline std::vector<Candidate> inliers(const std::vector<Candidate>& candidates, StraightLine line) {
+  std::vector<Candidate> chosen;
+  for (const double tolerance : {kVote + 0.5, kVote, kInlier}) {
+    chosen.clear();
+    for (std::size_t i = 0; i < candidates.size();) {
+      const std::size_t station = candidates[i].station;
+      double nearest = tolerance;
+      std::size_t best = candidates.size();
+      for (; i < candidates.size() && candidates[i].station == station; ++i) {
+        const Candidate& c = candidates[i];
+        const double residual = std::abs(c.offset - line.a - line.b * c.s());
+        if (residual < nearest) {
+          nearest = residual;
+          best = i;
+        }
+      }
+      if (best < candidates.size()) chosen.push_back(candidates[best]);
+    }
+    if (chosen.size() < kFewestPoints || chosen.back().s() - chosen.front().s() < 0.2) return {};
+    line = fit_line(
+        chosen, [](const Candidate& c) { return c.s(); },
+        [](const Candidate& c) { return c.offset; });
+  }
+  return chosen;
+}
+
+inline double median(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  const std::size_t half = values.size() / 2;
+  return values.size() % 2 == 1 ? values[half] : 0.5 * (values[half - 1] + values[half]);
+}
+
+}  // namespace edge_search
+
+/// Edge points of one line, none if there is no such line in the band. It is looked for `beyond`
+/// past both ends, a share of the segment's length. The ruling's sigmas must be finite.
+inline std::optional<EdgePoints> search(const GradientView& gradient, const Camera& camera,
+                                        const Ruling& ruling, double beyond) {
+  using namespace edge_search;
+  const std::vector<Station> stations = edge_search::stations(gradient, camera, ruling, beyond);
+  if (stations.empty()) return std::nullopt;
+  const std::vector<Candidate> candidates = maxima(gradient, ruling, stations);
+  if (candidates.size() < kFewestPoints) return std::nullopt;
+  const auto [winner, ambiguous] = vote(candidates, ruling);
+  const std::vector<Candidate> chosen = inliers(candidates, winner);
+  const auto looked_at = static_cast<double>(stations.size());
+  const auto count = static_cast<double>(chosen.size());
+  if (count < std::max<double>(kFewestPoints, kLeastSupport * looked_at)) return std::nullopt;
+
+  EdgePoints found;
+  std::vector<Point> pixels, near;
+  std::vector<double> heights;
+  for (const Candidate& c : chosen) {
+    const Station& station = stations[c.station];
+    pixels.push_back(station.pixel + c.offset * station.across);
+    near.push_back(station.normalised);
+    found.along.push_back(c.place);
+    found.offsets.push_back(c.offset);
+    heights.push_back(c.height);
+  }
+  found.points = camera.undistort(pixels, std::move(near));
+  found.line = fit_line(
+      chosen, [](const Candidate& c) { return c.place; },
+      [](const Candidate& c) { return c.offset; });
+  double squares = 0.0;
+  for (const Candidate& c : chosen) {
+    const double off = c.offset - found.line.a - found.line.b * c.place;
+    squares += off * off;
+  }
+  found.deviation = std::sqrt(squares / count);
+  found.support = count / looked_at;
+  found.slope = std::copysign(median(std::move(heights)), ruling.slope);
+  found.ambiguous = ambiguous;
+  return found;
+}
+
+}  // namespace ruledgraph

@@ -1,0 +1,48 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The native edge search, `factors/src/native_search.cpp`: internal, called by `search_all` alone.
+
+Arrays are C-contiguous. Sizes that do not fit together, an unknown distortion model or a sigma that
+is not finite raise ValueError; types and shapes that do not fit the signature raise TypeError.
+"""
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ruledgraph.sensors import FloatArray
+
+_Found: TypeAlias = tuple[
+    FloatArray, FloatArray, FloatArray, tuple[float, float], float, float, float, bool
+]
+
+class Camera:
+    """A `CameraModel`."""
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        fx: float,
+        fy: float,
+        cx: float,
+        cy: float,
+        distortion: str,
+        coefficients: Sequence[float],
+    ) -> None:
+        """Take the fields of a `CameraModel`, in their order."""
+
+def search_all(
+    gradient: NDArray[np.float32],
+    camera: Camera,
+    ends: FloatArray,
+    sigmas: FloatArray,
+    slopes: FloatArray,
+    beyond: float,
+) -> list[_Found | None]:
+    """Search n rulings: `search` of each, as the fields of an `EdgePoints` in their order.
+
+    `gradient` is (height, width, 2), `ends` (n, 2, 2), `sigmas` (n, 2), `slopes` (n,).
+    """
