@@ -1,21 +1,20 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lines of the graph: where they appear next, how far they reach, when they are no good."""
+"""Lines of the graph: where they are, how far they reach, when they are no good."""
 
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import gtsam
 import numpy as np
 
-from ruledgraph.edges.search import Ruling
 from ruledgraph.sensors import FloatArray
 from ruledgraph.tracks import Track
 from ruledgraph_factors import FactorError, LineChart
 
-# Deviation of a predicted ruling that the motion's uncertainty leaves, px, and the most.
-_MOTION_SIGMA, _MOST_SIGMA = 1.2, 8.0
-# Below this depth a point is too close to the camera to be told from one behind it, m.
-_NEAREST = 0.05
+# World coordinates (6,) and their derivative (6, 4).
+Plucker: TypeAlias = tuple[FloatArray, FloatArray]
+
 # Share of a line's sightings whose ends may lie beyond the reported ones, and how many are kept.
 _STRAY, _KEPT = 0.1, 200
 
@@ -53,6 +52,15 @@ class GraphLine:
     bad_knots: int = 0
     covariance_time: float = -np.inf
     _reach: list[FloatArray] = field(default_factory=list)
+    _known: tuple[FloatArray, LineChart, Plucker] | None = None
+
+    @property
+    def plucker(self) -> Plucker:
+        """`LineChart.plucker` of `delta`, computed anew when that is replaced, not every frame."""
+        known = self._known
+        if known is None or known[0] is not self.delta or known[1] is not self.chart:
+            known = self._known = self.delta, self.chart, self.chart.plucker(self.delta)
+        return known[2]
 
     def inverse_distance(self) -> tuple[float, float]:
         """One over the distance from the anchor and its standard deviation, 1/m."""
@@ -90,53 +98,6 @@ class GraphLine:
         return LineEstimate(
             self.track.number, ends, covariance, self.first_stamp, self.last_stamp, self.points
         )
-
-    def ruling(
-        self,
-        world_T_before: gtsam.Pose3,
-        world_T_cam: gtsam.Pose3,
-        by_rotation: Ruling,
-        focal: float,
-    ) -> Ruling:
-        """Where the line appears: m_c = R^T (m - p x v), with the spread its covariance gives.
-
-        Args:
-            world_T_before: camera pose at the track's last frame.
-            world_T_cam: camera pose now.
-            by_rotation: the track's prediction without the line's depth, for ends that the line
-                does not fix.
-            focal: focal length, px.
-        """
-        plucker, by_delta = self.chart.plucker(self.delta)
-        moment, direction = plucker[:3], plucker[3:]
-        R, p = world_T_cam.rotation().matrix(), world_T_cam.translation()
-        m = R.T @ (moment - np.cross(p, direction))
-        size = float(np.hypot(m[0], m[1]))
-        if size < 1e-9:
-            return by_rotation
-        ends = by_rotation.ends.copy()
-        length = float(np.linalg.norm(direction))
-        if length > 1e-6:
-            unit = direction / length
-            foot = np.cross(unit, moment / length)
-            R_before, before = world_T_before.rotation().matrix(), world_T_before.translation()
-            for i, end in enumerate(self.track.ends):
-                ray = R_before @ np.append(end, 1.0)
-                along = _closest_to_ray(foot, unit, before, ray)
-                if along is not None:
-                    in_cam = R.T @ (foot + along * unit - p)
-                    if in_cam[2] > _NEAREST:
-                        ends[i] = in_cam[:2] / in_cam[2]
-        # Onto the ruling.
-        ends -= (ends @ m[:2] + m[2])[:, None] * m[:2] / size**2
-        by_m = R.T @ (by_delta[:3] - np.cross(p, by_delta[3:], axis=0))
-        gradient = np.column_stack([ends, np.ones(2)]) @ by_m / size
-        variance = np.einsum("ei,ij,ej->e", gradient, self.covariance, gradient)
-        floor = _MOTION_SIGMA * 1.5**self.track.misses
-        sigmas = np.minimum(
-            np.hypot(focal * np.sqrt(np.maximum(variance, 0.0)), floor), _MOST_SIGMA
-        )
-        return Ruling(ends, (float(sigmas[0]), float(sigmas[1])), self.track.slope)
 
 
 def _closest_to_ray(

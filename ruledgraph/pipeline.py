@@ -20,6 +20,7 @@ from ruledgraph.inertial import ImuBuffer
 from ruledgraph.initialize import Refusal, is_still, start_at_rest, start_in_motion
 from ruledgraph.lines import GraphLine, LineEstimate
 from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
+from ruledgraph.prediction import by_estimate, by_rotation
 from ruledgraph.sensors import Calibration, FloatArray
 from ruledgraph.tracks import Tracker
 from ruledgraph.window import Interval, Start, Window
@@ -209,19 +210,17 @@ class Odometry:
             self._predict(self.window, seen.time)
             world_T_cam = self._state.pose().compose(self.calibration.body_T_cam)
         focal = self.calibration.camera.focal_length
-        graph_lines = self.window.lines if self.window is not None else {}
-        lines = [graph_lines.get(track.number) for track in self.tracker.tracks]
-        rulings = []
-        for track, line in zip(self.tracker.tracks, lines, strict=True):
-            ruling = track.predict_by_rotation(cam_R_before, seen.time - before.time, focal)
-            if line is not None:
-                ruling = line.ruling(world_T_before, world_T_cam, ruling, focal)
-            rulings.append(ruling)
+        tracks = self.tracker.tracks
+        rulings = by_rotation(tracks, cam_R_before, seen.time - before.time, focal)
+        known = self.window.lines if self.window is not None else {}
+        at = [i for i, track in enumerate(tracks) if track.number in known]
+        lines = [known[tracks[i].number] for i in at]
+        otherwise = [rulings[i] for i in at]
+        estimated = by_estimate(lines, world_T_before, world_T_cam, otherwise, focal)
+        for i, ruling in zip(at, estimated, strict=True):
+            rulings[i] = ruling
         found = self.tracker.follow(seen.stamp, seen.time, gradient, rulings)
-        return sum(
-            line is not None and points is not None
-            for line, points in zip(lines, found, strict=True)
-        )
+        return sum(found[i] is not None for i in at)
 
     def _turn(self, start: float, stop: float) -> FloatArray:
         """cam_R_before between two frames, from the gyroscope."""

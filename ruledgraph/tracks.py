@@ -7,6 +7,7 @@ predicted from the gyroscope's rotation and its own motion across itself; once i
 from the estimate.
 """
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -72,13 +73,6 @@ class Track:
         """Make it lost."""
         self.misses = _MOST_MISSES + 1
 
-    def predict_by_rotation(self, cam_R_before: FloatArray, elapsed: float, focal: float) -> Ruling:
-        """The ruling in a frame whose camera turned by `cam_R_before` since the last one."""
-        rays = np.column_stack([self.ends, np.ones(2)]) @ cam_R_before.T
-        ends = rays[:, :2] / rays[:, 2:]
-        ends = ends + (self.rates * elapsed / focal)[:, None] * normal_of(ends)
-        return Ruling(ends, (self.sigma, self.sigma), self.slope)
-
 
 class Tracker:
     """Follows tracks through frames and starts new ones."""
@@ -101,19 +95,25 @@ class Tracker:
 
         What was found of each, None if nothing.
         """
-        visible: list[tuple[Track, Ruling]] = []
-        for track, ruling in zip(self.tracks, rulings, strict=True):
-            ends = self._clip(ruling.ends)
-            if ends is None:
-                track.give_up()
-            else:
-                visible.append((track, ruling._replace(ends=ends)))
+        ends, visible = self._clip(np.array([ruling.ends for ruling in rulings]).reshape(-1, 2, 2))
+        inside = [
+            ruling._replace(ends=part)
+            for ruling, part, seen in zip(rulings, ends, visible, strict=True)
+            if seen
+        ]
         beyond = _BEYOND if self._config.bounded else 10.0
-        searched = search_all(gradient, self._camera, [ruling for _, ruling in visible], beyond)
-        found: dict[int, EdgePoints | None] = {}
-        for (track, ruling), points in zip(visible, searched, strict=True):
-            found[track.number] = self._update(stamp, time, track, ruling.ends, points)
-        return [found.get(track.number) for track in self.tracks]
+        searched = iter(search_all(gradient, self._camera, inside, beyond))
+        found: list[EdgePoints | None] = []
+        for track, part, seen in zip(self.tracks, ends, visible, strict=True):
+            if seen:
+                found.append(self._update(stamp, time, track, part, next(searched)))
+            else:
+                track.give_up()
+                found.append(None)
+        self._give_up_short(
+            [t for t, points in zip(self.tracks, found, strict=True) if points is not None]
+        )
+        return found
 
     def _update(
         self, stamp: int, time: float, track: Track, ends: FloatArray, found: EdgePoints | None
@@ -136,20 +136,28 @@ class Tracker:
         track.misses = 0
         track.last_seen = time
         track.sightings.append(Sighting(stamp, found.points))
-        if self._length(track.ends) < _SHORTEST:
-            track.give_up()
         return found
+
+    def _give_up_short(self, tracks: Sequence[Track]) -> None:
+        ends = self._in_pixels(tracks)
+        lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        for track, length in zip(tracks, lengths, strict=True):
+            if length < _SHORTEST:
+                track.give_up()
 
     def drop_lost(self) -> list[Track]:
         """Forget the tracks that are lost, and the younger of twins; returns them."""
-        keep: list[Track] = []
         gone = [track for track in self.tracks if track.lost]
-        for track in sorted((t for t in self.tracks if not t.lost), key=lambda t: t.born):
-            if self._has_twin(track.ends, track.slope, keep):
+        alive = sorted((t for t in self.tracks if not t.lost), key=lambda t: t.born)
+        ends, slopes = _segments(alive)
+        twins = self._twins(ends, slopes, alive)
+        keep: list[int] = []
+        for i, track in enumerate(alive):
+            if twins[i, keep].any():
                 gone.append(track)
             else:
-                keep.append(track)
-        self.tracks = keep
+                keep.append(i)
+        self.tracks = [alive[i] for i in keep]
         return gone
 
     def image_motion(self, since: int) -> float:
@@ -196,7 +204,7 @@ class Tracker:
         across = np.array([-direction[1], direction[0]])
         stations = segment[0] + np.linspace(0.1, 0.9, 15)[:, None] * (segment[1] - segment[0])
         slope = float(np.median(gradient.along(stations, across[None])))
-        if self._has_twin(ends, slope, self.tracks):
+        if self._twins(ends[None], np.array([slope]), self.tracks).any():
             return None
         found = search(gradient, self._camera, Ruling(ends, (1.0, 1.0), slope))
         if found is None or found.deviation > _STRAIGHT or found.support < 0.6:
@@ -216,57 +224,66 @@ class Tracker:
         if not self.tracks or not len(segments):
             return np.ones(len(segments))
         size = np.array([self._camera.width, self._camera.height])
-        own = self._camera.distort(np.concatenate([t.ends for t in self.tracks])).pixels
-        own = own.reshape(-1, 2, 2)
+        own = self._in_pixels(self.tracks)
         near = np.linalg.norm(
             (segments.mean(axis=1)[:, None] - own.mean(axis=1)[None]) / size, axis=2
         )
         return np.asarray(1.0 + 2.0 * np.sum(np.exp(-((near / 0.12) ** 2)), axis=1))
 
-    def _has_twin(self, ends: FloatArray, slope: float, tracks: Sequence[Track]) -> bool:
-        normal = normal_of(ends)
-        middle = ends.mean(axis=0)
-        for track in tracks:
-            other = normal_of(track.ends)
-            same = float(np.sign(slope * track.slope) * (normal @ other))
-            if same < _PARALLEL:
-                continue
-            gap = np.abs((ends - track.ends[0]) @ other) * self._camera.focal_length
-            along = track.ends[1] - track.ends[0]
-            place = (np.vstack([ends, middle]) - track.ends[0]) @ along / (along @ along)
-            overlaps = place.max() > -0.2 and place.min() < 1.2
-            if np.all(gap < _TWIN) and overlaps:
-                return True
-        return False
+    def _twins(
+        self, ends: FloatArray, slopes: FloatArray, tracks: Sequence[Track]
+    ) -> NDArray[np.bool_]:
+        """Which segments (M, 2, 2) with slopes (M,) are the same line as which track, (M, N)."""
+        own_ends, own_slopes = _segments(tracks)
+        own_normals, own_along = normal_of(own_ends), own_ends[:, 1] - own_ends[:, 0]
+        same = np.sign(slopes[:, None] * own_slopes) * (normal_of(ends) @ own_normals.T)
+        three = np.concatenate([ends, ends.mean(axis=1, keepdims=True)], axis=1)
+        off = three[:, None] - own_ends[:, :1]
+        gap = np.abs(np.einsum("mnei,ni->mne", off[:, :, :2], own_normals))
+        near = np.all(gap * self._camera.focal_length < _TWIN, axis=2)
+        place = np.einsum("mnei,ni->mne", off, own_along) / np.sum(own_along**2, axis=1)[:, None]
+        overlap = (place.max(axis=2) > -0.2) & (place.min(axis=2) < 1.2)
+        return np.asarray((same >= _PARALLEL) & near & overlap)
 
-    def _length(self, ends: FloatArray) -> float:
-        pixels = self._camera.distort(ends).pixels
-        return float(np.linalg.norm(pixels[1] - pixels[0]))
+    def _in_pixels(self, tracks: Sequence[Track]) -> FloatArray:
+        """The ends of tracks in the image, (N, 2, 2)."""
+        ends, _ = _segments(tracks)
+        return self._camera.distort(ends.reshape(-1, 2)).pixels.reshape(-1, 2, 2)
 
-    def _clip(self, ends: FloatArray) -> FloatArray | None:
-        """The part of a segment inside the field of view."""
-        start, along = ends[0], ends[1] - ends[0]
-        first, last = 0.0, 1.0
-        for axis in range(2):
-            if abs(along[axis]) < 1e-12:
-                if not self._low[axis] <= start[axis] <= self._high[axis]:
-                    return None
-                continue
-            a = (self._low[axis] - start[axis]) / along[axis]
-            b = (self._high[axis] - start[axis]) / along[axis]
-            first, last = max(first, min(a, b)), min(last, max(a, b))
-        if last - first <= 1e-6:
-            return None
-        return np.stack([start + first * along, start + last * along])
+    def _clip(self, ends: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """The parts of segments (N, 2, 2) inside the field of view, and which have one, (N,)."""
+        start, along = ends[:, 0], ends[:, 1] - ends[:, 0]
+        level = np.abs(along) < 1e-12
+        between = (start >= self._low) & (start <= self._high)
+        safe = np.where(level, 1.0, along)
+        a, b = (self._low - start) / safe, (self._high - start) / safe
+        # A segment along an axis is inside all the way or not at all.
+        enter = np.where(level, np.where(between, 0.0, np.inf), np.minimum(a, b))
+        leave = np.where(level, 1.0, np.maximum(a, b))
+        first, last = enter.max(axis=1).clip(min=0.0), leave.min(axis=1).clip(max=1.0)
+        visible = last - first > 1e-6
+        first, last = np.where(visible, first, 0.0), np.where(visible, last, 1.0)
+        parts = np.stack([start + first[:, None] * along, start + last[:, None] * along], axis=1)
+        return parts, visible
+
+
+def _segments(tracks: Sequence[Track]) -> tuple[FloatArray, FloatArray]:
+    """Ends (N, 2, 2) and slopes (N,)."""
+    ends = np.array([track.ends for track in tracks]).reshape(-1, 2, 2)
+    return ends, np.array([track.slope for track in tracks])
 
 
 def _extent(ends: FloatArray, found: EdgePoints) -> FloatArray:
     """The segment's ends moved onto the line through its points, and towards the outermost ones."""
     middle = found.points.mean(axis=0)
-    _, _, axes = np.linalg.svd(found.points - middle, full_matrices=False)
-    direction = axes[0] if axes[0] @ (ends[1] - ends[0]) > 0.0 else -axes[0]
+    from_middle = found.points - middle
+    (xx, xy), (_, yy) = (from_middle.T @ from_middle).tolist()
+    angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    direction = np.array([math.cos(angle), math.sin(angle)])
+    if direction @ (ends[1] - ends[0]) < 0.0:
+        direction = -direction
     predicted = (ends - middle) @ direction
-    reached = np.sort((found.points - middle) @ direction)
+    reached = np.sort(from_middle @ direction)
     # One stray point does not stretch it.
     seen = np.array([reached[1], reached[-2]])
     return np.asarray(middle + (predicted + 0.3 * (seen - predicted))[:, None] * direction)

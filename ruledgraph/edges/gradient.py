@@ -24,7 +24,7 @@ class Gradient:
         x = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1.0 / 32.0)
         y = cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=1.0 / 32.0)
         # Side by side in memory: one look-up fetches both.
-        self.xy: NDArray[np.float32] = cv2.merge([x, y])
+        self.xy = np.asarray(cv2.merge([x, y]), np.float32)
         """(height, width, 2)."""
 
     def inside(self, pixels: FloatArray) -> NDArray[np.bool_]:

@@ -76,9 +76,11 @@ class EdgePoints:
 
 
 def normal_of(ends: FloatArray) -> FloatArray:
-    """Unit normal of a segment: its direction turned from x towards y."""
-    along = ends[1] - ends[0]
-    return np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-12)
+    """Unit normal (..., 2) of segments (..., 2, 2): their direction turned from x towards y."""
+    along = ends[..., 1, :] - ends[..., 0, :]
+    length = np.hypot(along[..., 0], along[..., 1])
+    across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+    return np.asarray(across / np.maximum(length, 1e-12)[..., None])
 
 
 def fit_line(x: FloatArray, y: FloatArray) -> tuple[float, float]:

@@ -74,6 +74,7 @@ def search_sobel(
         points=camera.undistort(pixels.astype(np.float64), stations[station]),
         along=places[station],
         offsets=offsets,
+        line=(a, b),
         support=support,
         deviation=float(np.sqrt(np.mean((middles - a - b * places[seen]) ** 2))),
         slope=ruling.slope,

@@ -11,6 +11,7 @@ from ruledgraph.errors import RuledgraphError
 from ruledgraph.evaluation import alignment
 from ruledgraph.measurements import Frame, Gap, ImuSample
 from ruledgraph.pipeline import Estimate, Odometry
+from ruledgraph_factors import kernel
 from small_simulation import frames, small_simulation, small_stream
 
 
@@ -64,6 +65,21 @@ def test_the_same_input_gives_the_same_output():
     for one, other in zip(first[1] + first[2], second[1] + second[2], strict=True):
         assert one.stamp == other.stamp
         np.testing.assert_array_equal(one.world_T_body.matrix(), other.world_T_body.matrix())
+
+
+@pytest.mark.skipif(kernel.native is None, reason="the native kernel was not built")
+def test_both_kernels_give_the_same_trajectory(monkeypatch):
+    stream, calibration = small_stream()
+    results = []
+    for name in ("native", "numpy"):
+        monkeypatch.setenv("RULEDGRAPH_KERNEL", name)
+        _, live, smoothed = run(stream, calibration)
+        results.append(live + smoothed)
+    for one, other in zip(*results, strict=True):
+        assert (one.stamp, one.lines) == (other.stamp, other.lines)
+        np.testing.assert_allclose(
+            one.world_T_body.matrix(), other.world_T_body.matrix(), rtol=0.0, atol=1e-6
+        )
 
 
 def test_smooth_yields_the_live_estimates():

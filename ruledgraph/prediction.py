@@ -1,0 +1,117 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where tracks appear in the next frame: by the rotation and their own motion, or by the estimate.
+
+For all tracks of a frame at once, in arrays whose first axis is the track.
+"""
+
+from collections.abc import Sequence
+
+import gtsam
+import numpy as np
+
+from ruledgraph.edges.search import Ruling, normal_of
+from ruledgraph.lines import GraphLine
+from ruledgraph.sensors import FloatArray
+from ruledgraph.tracks import Track
+
+# Deviation of a predicted ruling that the motion's uncertainty leaves, px, and the most.
+_MOTION_SIGMA, _MOST_SIGMA = 1.2, 8.0
+# Below this depth a point is too close to the camera to be told from one behind it, m.
+_NEAREST = 0.05
+
+
+def by_rotation(
+    tracks: Sequence[Track], cam_R_before: FloatArray, elapsed: float, focal: float
+) -> list[Ruling]:
+    """Rulings in a frame whose camera turned by `cam_R_before` in `elapsed` s since the last one.
+
+    `focal` is the focal length, px.
+    """
+    if not tracks:
+        return []
+    rays = _rays(np.array([track.ends for track in tracks])) @ cam_R_before.T
+    ends = rays[..., :2] / rays[..., 2:]
+    moved = np.array([track.rates for track in tracks]) * elapsed / focal
+    ends = ends + moved[..., None] * normal_of(ends)[:, None]
+    return [
+        Ruling(own, (track.sigma, track.sigma), track.slope)
+        for track, own in zip(tracks, ends, strict=True)
+    ]
+
+
+def by_estimate(
+    lines: Sequence[GraphLine],
+    world_T_before: gtsam.Pose3,
+    world_T_cam: gtsam.Pose3,
+    otherwise: Sequence[Ruling],
+    focal: float,
+) -> list[Ruling]:
+    """Where lines appear: m_c = R^T (m - p x v), with the spread their covariance gives.
+
+    Args:
+        lines: of the graph.
+        world_T_before: camera pose at the last frame.
+        world_T_cam: camera pose now.
+        otherwise: the prediction for each without its depth: for ends that the line does not fix,
+            and for a line through the camera's centre.
+        focal: focal length, px.
+    """
+    if not lines:
+        return []
+    plucker = np.array([line.plucker[0] for line in lines])
+    by_delta = np.array([line.plucker[1] for line in lines])
+    moment, direction = plucker[:, :3], plucker[:, 3:]
+    R, p = world_T_cam.rotation().matrix(), world_T_cam.translation()
+    m = (moment - np.cross(p, direction)) @ R
+    size = np.hypot(m[:, 0], m[:, 1])[:, None]
+    ends = np.array([ruling.ends for ruling in otherwise])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        in_cam = _ends_in_space(lines, moment, direction, world_T_before) - p
+        in_cam = in_cam @ R
+        ahead = in_cam[..., 2:] > _NEAREST
+        ends = np.where(ahead, in_cam[..., :2] / in_cam[..., 2:], ends)
+        # Onto the ruling.
+        off = np.einsum("nei,ni->ne", _rays(ends), m)
+        ends -= off[..., None] * (m[:, :2] / size**2)[:, None]
+        by_m = R.T @ (by_delta[:, :3] - np.cross(p, by_delta[:, 3:], axisb=1, axisc=1))
+        gradient = _rays(ends) @ by_m / size[..., None]
+    covariances = np.array([line.covariance for line in lines])
+    variance = np.einsum("nei,nij,nej->ne", gradient, covariances, gradient)
+    floor = _MOTION_SIGMA * 1.5 ** np.array([[line.track.misses] for line in lines])
+    sigmas = np.minimum(np.hypot(focal * np.sqrt(np.maximum(variance, 0.0)), floor), _MOST_SIGMA)
+    return [
+        Ruling(own, (first, second), line.track.slope) if apart else other
+        for own, (first, second), line, other, apart in zip(
+            ends, sigmas.tolist(), lines, otherwise, size[:, 0] >= 1e-9, strict=True
+        )
+    ]
+
+
+def _ends_in_space(
+    lines: Sequence[GraphLine],
+    moment: FloatArray,
+    direction: FloatArray,
+    world_T_before: gtsam.Pose3,
+) -> FloatArray:
+    """The points of the lines closest to the rays through their tracks' ends, (N, 2, 3), in the
+    world; NaN where they are parallel or the line is at infinity.
+    """
+    length = np.linalg.norm(direction, axis=1, keepdims=True)
+    unit = direction / np.where(length > 1e-6, length, np.nan)
+    foot = np.cross(unit, moment / length)
+    rays = _rays(np.array([line.track.ends for line in lines]))
+    rays = rays @ world_T_before.rotation().matrix().T
+    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+    cosine = np.einsum("nei,ni->ne", rays, unit)
+    offset = world_T_before.translation() - foot
+    sine2 = 1.0 - cosine * cosine
+    along = np.einsum("ni,ni->n", unit, offset)[:, None]
+    along = along - cosine * np.einsum("nei,ni->ne", rays, offset)
+    along /= np.where(sine2 < 1e-4, np.nan, sine2)
+    return np.asarray(foot[:, None] + along[..., None] * unit[:, None])
+
+
+def _rays(points: FloatArray) -> FloatArray:
+    """(..., 2) normalised as (..., 3), the last 1."""
+    return np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)

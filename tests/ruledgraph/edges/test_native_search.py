@@ -1,0 +1,155 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The native edge search against numpy, its reference: the same points, found in the same lines."""
+
+import cv2
+import numpy as np
+import pytest
+
+from ruledgraph.edges import search as module
+from ruledgraph.edges.gradient import Gradient
+from ruledgraph.edges.search import EdgePoints, Ruling, search_all
+from ruledgraph.sensors import CameraModel
+
+needs_native = pytest.mark.skipif(
+    module.native is None, reason="the native kernel was not built (no C++ compiler)"
+)
+CAMERAS = [
+    CameraModel(320, 240, 300.0, 310.0, 160.0, 120.0),
+    CameraModel(320, 240, 195.0, 194.0, 156.0, 124.0, "radtan", (-0.283, 0.074, 0.0002, 1.8e-5)),
+    CameraModel(320, 240, 195.0, 194.0, 156.0, 124.0, "radtan", (-0.2, 0.05, 1e-3, -1e-3, 0.01)),
+    CameraModel(320, 240, 150.0, 149.0, 160.0, 120.0, "equidistant", (0.01, 0.02, -0.01, 0.003)),
+]
+POINTS = 1e-9
+
+
+def clutter(rng: np.random.Generator, camera: CameraModel) -> np.ndarray:
+    """Blurred strokes at random, and noise."""
+    image = np.full((camera.height, camera.width), 120, np.uint8)
+    for _ in range(12):
+        a, b = rng.integers([-20, -20], [camera.width + 20, camera.height + 20], size=(2, 2))
+        grey, width = int(rng.integers(40, 220)), int(rng.integers(1, 30))
+        cv2.line(image, a.tolist(), b.tolist(), grey, width, cv2.LINE_AA)
+    noisy = cv2.GaussianBlur(image, (0, 0), 0.8) + rng.normal(scale=1.5, size=image.shape)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def random_rulings(
+    rng: np.random.Generator, camera: CameraModel, image: np.ndarray
+) -> list[Ruling]:
+    """Near detected segments and anywhere, some across the border, in bands of any width."""
+    found = cv2.createLineSegmentDetector().detect(image)[0].reshape(-1, 2, 2)
+    long = found[np.linalg.norm(found[:, 1] - found[:, 0], axis=1) > 30.0]
+    size = np.array([camera.width, camera.height])
+    anywhere = rng.uniform(-0.2 * size, 1.2 * size, size=(10, 2, 2))
+    pixels = np.concatenate([long + rng.normal(scale=1.5, size=long.shape), anywhere])
+    rulings = []
+    for ends in pixels:
+        normalised = camera.undistort(ends)
+        if np.all(np.isfinite(normalised)):
+            first, second = rng.uniform(0.3, 7.0, size=2).tolist()
+            slope = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.0, 30.0))
+            rulings.append(Ruling(normalised, (first, second), slope))
+    return rulings
+
+
+def by_both(
+    monkeypatch: pytest.MonkeyPatch, camera: CameraModel, image: np.ndarray, *args
+) -> tuple[list[EdgePoints | None], list[EdgePoints | None]]:
+    gradient = Gradient(image)
+    monkeypatch.setenv("RULEDGRAPH_KERNEL", "native")
+    native = search_all(gradient, camera, *args)
+    monkeypatch.setenv("RULEDGRAPH_KERNEL", "numpy")
+    return native, search_all(gradient, camera, *args)
+
+
+def assert_same(native: EdgePoints | None, numpy: EdgePoints | None) -> None:
+    assert (native is None) == (numpy is None)
+    if native is None or numpy is None:
+        return
+    # The same stations: these are the same inliers.
+    np.testing.assert_allclose(native.along, numpy.along, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(native.points, numpy.points, rtol=0.0, atol=POINTS)
+    np.testing.assert_allclose(native.offsets, numpy.offsets, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(native.line, numpy.line, rtol=0.0, atol=1e-6)
+    assert native.support == numpy.support
+    assert native.ambiguous == numpy.ambiguous
+    assert native.deviation == pytest.approx(numpy.deviation, abs=1e-6)
+    assert native.slope == pytest.approx(numpy.slope, abs=1e-6)
+
+
+@needs_native
+@pytest.mark.parametrize("beyond", [0.0, 0.06, 10.0])
+@pytest.mark.parametrize("camera", CAMERAS, ids=lambda c: f"{c.distortion}{len(c.coefficients)}")
+def test_kernels_find_the_same_points(camera, beyond, monkeypatch):
+    found = ambiguous = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        image = clutter(rng, camera)
+        native, numpy = by_both(
+            monkeypatch, camera, image, random_rulings(rng, camera, image), beyond
+        )
+        for one, other in zip(native, numpy, strict=True):
+            assert_same(one, other)
+        found += sum(each is not None for each in numpy)
+        ambiguous += sum(each is not None and each.ambiguous for each in numpy)
+    # Far beyond their ends few lines go on.
+    assert found > (60 if beyond < 1.0 else 4)
+    assert ambiguous > 0 or beyond > 1.0
+
+
+@needs_native
+def test_kernels_decide_ties_the_same_way(monkeypatch):
+    # A picture without noise, symmetric about the ruling: two edges equally far, equal slopes.
+    camera = CAMERAS[0]
+    image = np.full((240, 320), 60, np.uint8)
+    image[116:124] = 160
+    image[130:140] = 160
+    ends = np.array([[-0.4, 0.0], [0.4, 0.0]])
+    for row in np.arange(100.0, 150.0, 0.5):
+        own = ends + np.array([0.0, (row - camera.cy) / camera.fy])
+        rulings = [Ruling(own, (s, s), slope) for s in (1.0, 2.5, 6.0) for slope in (-20.0, 20.0)]
+        native, numpy = by_both(monkeypatch, camera, image, rulings)
+        for one, other in zip(native, numpy, strict=True):
+            assert_same(one, other)
+
+
+@needs_native
+def test_kernels_agree_on_what_cannot_be_searched(monkeypatch):
+    camera = CAMERAS[1]
+    rng = np.random.default_rng(0)
+    image = clutter(rng, camera)
+    ends = [
+        [[0.1, 0.1], [0.1, 0.1]],
+        [[np.nan, 0.1], [0.3, 0.1]],
+        [[np.inf, 0.1], [0.3, 0.1]],
+        [[5.0, 5.0], [6.0, 5.0]],
+        [[-1e8, 0.0], [1e8, 0.0]],
+    ]
+    with np.errstate(invalid="ignore", over="ignore"):
+        rulings = [Ruling(np.array(each), (2.0, 2.0), 10.0) for each in ends]
+        native, numpy = by_both(monkeypatch, camera, image, rulings)
+    assert native == numpy == [None] * len(ends)
+    assert by_both(monkeypatch, camera, image, []) == ([], [])
+    flat = [Ruling(np.array([[-0.2, 0.0], [0.2, 0.0]]), (2.0, 2.0), 0.0)]
+    assert by_both(monkeypatch, camera, image, flat) == ([None], [None])
+
+
+@needs_native
+def test_a_sigma_that_is_not_finite_is_refused_by_both(monkeypatch):
+    ruling = Ruling(np.array([[-0.2, 0.0], [0.2, 0.0]]), (2.0, np.nan), 10.0)
+    for kernel in ("native", "numpy"):
+        monkeypatch.setenv("RULEDGRAPH_KERNEL", kernel)
+        with pytest.raises(ValueError, match=r"not finite|NaN"):
+            search_all(Gradient(np.zeros((240, 320), np.uint8)), CAMERAS[0], [ruling])
+
+
+def test_without_the_native_kernel_numpy_searches(monkeypatch):
+    monkeypatch.setattr(module, "native", None)
+    monkeypatch.delenv("RULEDGRAPH_KERNEL", raising=False)
+    image = np.full((240, 320), 60, np.uint8)
+    image[120:] = 160
+    ruling = Ruling(np.array([[-0.4, 0.0], [0.4, 0.0]]), (2.0, 2.0), 20.0)
+    found = search_all(Gradient(image), CAMERAS[0], [ruling])[0]
+    assert found is not None
+    np.testing.assert_allclose(found.points[:, 1] * 310.0 + 120.0, 119.5, atol=1e-3)
