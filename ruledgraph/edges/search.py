@@ -32,6 +32,10 @@ _FEWEST_POINTS = 8
 # is a point may be.
 _LEAST_SLOPE = 1.5
 _LEAST_SHARE = 0.3
+# An edge with one of the other polarity so near (px) and so strong bounds a thin stripe. Blur
+# pushes the two apart, more the thinner the stripe: a camera that moves towards it would seem slower.
+_STRIPE = 5
+_STRIPE_SHARE = np.float32(0.4)
 # How far a point may lie off the winning line, px: while votes are counted, and at the end.
 _VOTE = 1.0
 _INLIER = 0.7
@@ -124,7 +128,8 @@ def search(
 
     sigma = np.array(ruling.sigmas)
     half = int(np.ceil(3.0 * sigma.max())) + 1
-    steps = np.arange(-half - 1, half + 2)
+    # Sampled further than maxima are looked for: a stripe's other edge may lie outside the band.
+    steps = np.arange(-half - 1 - _STRIPE, half + 2 + _STRIPE)
     at = pixels[:, None] + steps[:, None] * across[:, None]
     slopes = gradient.along(at, across[:, None]) * np.float32(np.sign(ruling.slope))
     station, offset, height = _maxima(
@@ -181,13 +186,16 @@ def _maxima(
     slopes: NDArray[np.float32], steps: NDArray[np.int64], least: float
 ) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
     """Station, offset (px) and height of the local maxima across the ruling, by a parabola."""
-    middle, left, right = slopes[:, 1:-1], slopes[:, :-2], slopes[:, 2:]
-    station, column = np.nonzero((middle > least) & (middle >= left) & (middle > right))
+    inner = slopes[:, _STRIPE:-_STRIPE]
+    middle, left, right = inner[:, 1:-1], inner[:, :-2], inner[:, 2:]
+    around = np.lib.stride_tricks.sliding_window_view(slopes, 2 * _STRIPE + 1, axis=1)
+    single = around.min(axis=2)[:, 1:-1] >= -_STRIPE_SHARE * middle
+    station, column = np.nonzero((middle > least) & (middle >= left) & (middle > right) & single)
     m = middle[station, column].astype(np.float64)
     lft = left[station, column].astype(np.float64)
     rgt = right[station, column].astype(np.float64)
     shift = 0.5 * (lft - rgt) / (lft - 2.0 * m + rgt)
-    return station, steps[column + 1] + shift, m
+    return station, steps[column + 1 + _STRIPE] + shift, m
 
 
 def _vote(

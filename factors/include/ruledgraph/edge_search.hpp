@@ -22,6 +22,8 @@ namespace ruledgraph {
 constexpr double kSpacing = 3.0;
 constexpr int kMostStations = 80, kFewestPoints = 8;
 constexpr double kLeastSlope = 1.5, kLeastShare = 0.3;
+constexpr int kStripe = 5;
+constexpr float kStripeShare = 0.4F;
 constexpr double kVote = 1.0, kInlier = 0.7;
 constexpr double kApart = 3.0, kAmbiguous = 0.85;
 constexpr double kLeastSupport = 0.35;
@@ -153,17 +155,21 @@ inline std::vector<Candidate> maxima(const GradientView& gradient, const Ruling&
   const auto sign = static_cast<float>((ruling.slope > 0.0) - (ruling.slope < 0.0));
   const auto least =
       static_cast<float>(std::max(kLeastSlope, kLeastShare * std::abs(ruling.slope)));
-  std::vector<float> slopes(static_cast<std::size_t>(2 * half + 3));
+  // Sampled further than maxima are looked for: a stripe's other edge may lie outside the band.
+  const int reach = half + 1 + kStripe;
+  std::vector<float> slopes(static_cast<std::size_t>(2 * reach + 1));
   std::vector<Candidate> found;
   for (std::size_t i = 0; i < stations.size(); ++i) {
     const Station& station = stations[i];
-    for (int step = -half - 1; step <= half + 1; ++step) {
-      slopes[static_cast<std::size_t>(step + half + 1)] =
+    for (int step = -reach; step <= reach; ++step) {
+      slopes[static_cast<std::size_t>(step + reach)] =
           gradient.along(station.pixel + step * station.across, station.across) * sign;
     }
     for (int step = -half; step <= half; ++step) {
-      const float* at = slopes.data() + (step + half + 1);
+      const float* at = slopes.data() + (step + reach);
       if (!(at[0] > least && at[0] >= at[-1] && at[0] > at[1])) continue;
+      const float lowest = *std::min_element(at - kStripe, at + kStripe + 1);
+      if (lowest < -kStripeShare * at[0]) continue;
       const double middle = at[0], left = at[-1], right = at[1];
       const double offset = step + 0.5 * (left - right) / (left - 2.0 * middle + right);
       const double sigma = sigma_first + (sigma_second - sigma_first) * station.along;

@@ -12,6 +12,7 @@ from ruledgraph.sensors import CameraModel
 BARREL = CameraModel(
     320, 240, 195.0, 195.0, 156.0, 124.0, "radtan", (-0.283, 0.074, 0.0002, 1.8e-5)
 )
+ENDS = np.array([[-0.25, -0.1], [0.25, 0.15]])
 FISHEYE = CameraModel(320, 240, 150.0, 150.0, 160.0, 120.0, "equidistant", (0.01, 0.0, 0.0, 0.0))
 
 
@@ -114,3 +115,25 @@ def test_the_gradient_of_a_ramp():
     # float32 images
     np.testing.assert_allclose(gradient.along(pixels, right), [2.0, 2.0, 0.0, 0.0], atol=1e-4)
     np.testing.assert_allclose(gradient.along(pixels, down), 0.0, atol=1e-4)
+
+
+def stripe_image(width_px: float) -> np.ndarray:
+    one, other = (line_through(*shifted(ENDS, (o, o), CAMERA)) for o in (0.0, -width_px))
+    return edge_image(CAMERA, [(one, 60.0), (other, -60.0)], dark=120.0)
+
+
+def test_edges_of_a_thin_stripe_are_left_out_for_blur_moves_them():
+    # Its other edge lies outside the band.
+    ruling = Ruling(ENDS, (0.4, 0.4), 20.0)
+    thin, wide = Gradient(stripe_image(3.0)), Gradient(stripe_image(9.0))
+    assert search(thin, CAMERA, ruling) is None
+    found = search(wide, CAMERA, ruling)
+    assert found is not None
+    assert abs(np.mean(found.offsets)) < 0.05
+
+
+def test_a_faint_neighbour_does_not_matter():
+    line = line_through(*ENDS)
+    beside = line_through(*shifted(ENDS, (-4.0, -4.0), CAMERA))
+    image = edge_image(CAMERA, [(line, 60.0), (beside, -10.0)], dark=90.0)
+    assert search(Gradient(image), CAMERA, Ruling(ENDS, (1.0, 1.0), 20.0)) is not None
