@@ -33,7 +33,7 @@ _FEWEST_POINTS = 8
 _LEAST_SLOPE = 1.5
 _LEAST_SHARE = 0.3
 # An edge with one of the other polarity so near (px) and so strong bounds a thin stripe. Blur
-# pushes the two apart, more the thinner the stripe: a camera that moves towards it would seem slower.
+# pushes the two apart, more the thinner the stripe: moving towards it would seem slower.
 _STRIPE = 5
 _STRIPE_SHARE = np.float32(0.4)
 # How far a point may lie off the winning line, px: while votes are counted, and at the end.
