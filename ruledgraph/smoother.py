@@ -25,6 +25,8 @@ class FixedLagSmoother:
         params = gtsam.ISAM2Params()
         params.setRelinearizeThreshold(_RELINEARIZE)
         params.relinearizeSkip = 1
+        # Gauss-Newton runs away when lines that rested without a depth begin to move.
+        params.setOptimizationParams(gtsam.ISAM2DoglegParams())
         params.findUnusedFactorSlots = True
         # Biases are a million times as certain as a new line: Cholesky calls that indeterminate.
         params.setFactorization("QR")
