@@ -257,6 +257,13 @@ def simulate(
 )
 @click.option("--set", "settings", multiple=True, metavar="SECTION.KEY=VALUE", help="One setting.")
 @click.option("--plots", is_flag=True, help="Draw pictures of the results.")
+@click.option(
+    "--solver",
+    type=click.Choice(["graph", "paper"]),
+    default="graph",
+    show_default=True,
+    help="The factor graph, or the paper's own solver as a baseline: slow, four lines.",
+)
 @click.option("-v", "--verbose", is_flag=True, help="Say more: all warnings, stage timings.")
 @_recording_options
 def smooth(recording: Path, **options: Any) -> None:
