@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,10 +16,14 @@ from ruledgraph.errors import RuledgraphError
 from ruledgraph.evaluation import accuracy
 from ruledgraph.ground_truth import GroundTruth
 from ruledgraph.measurements import Frame, Measurement
+from ruledgraph.paper_solver import PaperOdometry
 from ruledgraph.pipeline import Odometry
 from ruledgraph.results import Results
 from ruledgraph.sensors import Calibration
 from ruledgraph.trajectory import read_tum
+
+Solver = Literal["graph", "paper"]
+"""The factor graph, or the paper's own as a baseline."""
 
 # Warnings listed in the summary; the rest are counted.
 _MOST_WARNINGS = 50
@@ -57,6 +61,7 @@ def run(
     config: Config,
     output: Path,
     *,
+    solver: Solver = "graph",
     ground_truth: GroundTruth | None = None,
     warnings: Callable[[], list[str]] = list,
     watch: Callable[[Odometry, Frame], None] | None = None,
@@ -69,9 +74,10 @@ def run(
         calibration: of camera and IMU.
         config: all settings.
         output: folder for the results, see `Results`.
+        solver: the paper's has no use for `config`, and no covariances.
         ground_truth: to compare with at the end.
         warnings: asked at the end for what the recording's reader has to say.
-        watch: sees the odometry after each frame.
+        watch: sees the factor graph's odometry after each frame.
         on_progress: called after each frame.
 
     Returns:
@@ -80,7 +86,7 @@ def run(
     Raises:
         RuledgraphError: for a recording that holds nothing to work on; results are in `output`.
     """
-    odometry = Odometry(calibration, config)
+    odometry = PaperOdometry(calibration) if solver == "paper" else Odometry(calibration, config)
     tally = _Tally()
     ended = "complete"
     started = clock.perf_counter()
@@ -90,7 +96,7 @@ def run(
                 odometry.add(measurement)
                 if isinstance(measurement, Frame):
                     _hand_over(odometry, results, tally, measurement)
-                    if watch is not None:
+                    if watch is not None and isinstance(odometry, Odometry):
                         watch(odometry, measurement)
                     if on_progress is not None:
                         on_progress(_progress(odometry, tally))
@@ -111,7 +117,9 @@ def run(
     return summary
 
 
-def _hand_over(odometry: Odometry, results: Results, tally: _Tally, frame: Frame | None) -> None:
+def _hand_over(
+    odometry: Odometry | PaperOdometry, results: Results, tally: _Tally, frame: Frame | None
+) -> None:
     live, lines = odometry.take_live(), odometry.take_lines()
     results.write(live, odometry.take_smoothed(), lines)
     if frame is not None:
@@ -124,14 +132,18 @@ def _hand_over(odometry: Odometry, results: Results, tally: _Tally, frame: Frame
     tally.statuses.update(estimate.status for estimate in live)
 
 
-def _progress(odometry: Odometry, tally: _Tally) -> Progress:
+def _progress(odometry: Odometry | PaperOdometry, tally: _Tally) -> Progress:
     window = odometry.window
     status = "waiting for a start" if window is None else odometry.status
     return Progress(tally.frames, tally.seconds, 0 if window is None else len(window.lines), status)
 
 
 def _summary(
-    odometry: Odometry, tally: _Tally, elapsed: float, warnings: list[str], ended: str
+    odometry: Odometry | PaperOdometry,
+    tally: _Tally,
+    elapsed: float,
+    warnings: list[str],
+    ended: str,
 ) -> dict[str, Any]:
     if not tally.estimates:
         warnings.append("the odometry never started")

@@ -25,7 +25,7 @@ from ruledgraph.config import load_config
 from ruledgraph.ground_truth import read_ground_truth
 from ruledgraph.recording import Recording, open_recording
 from ruledgraph.runner import Progress as RunProgress
-from ruledgraph.runner import run
+from ruledgraph.runner import Solver, run
 from ruledgraph.sensors import Calibration
 
 _FEW_WARNINGS = 5
@@ -42,10 +42,15 @@ def smooth_command(
     config_file: Path | None,
     settings: Sequence[str],
     plots: bool,
+    solver: Solver,
     verbose: bool,
     **choice: Any,
 ) -> None:
     """See `ruledgraph smooth --help`."""
+    if solver == "paper":
+        unused = "--plots" if plots else "--config and --set" if config_file or settings else None
+        if unused:
+            raise click.UsageError(f"{unused}: the paper's solver has none; leave it out")
     config = load_config(config_file, settings)
     source = open_recording(recording, **choice)
     calibration = _calibration(source, recording, calibration_files, camera, imu)
@@ -66,6 +71,7 @@ def smooth_command(
             calibration,
             config,
             output,
+            solver=solver,
             ground_truth=truth,
             warnings=lambda: source.report.warnings,
             watch=sketches.watch if sketches else None,
