@@ -22,11 +22,15 @@ class EdgesConfig:
 
     detector: Literal["lsd", "hough"] = "lsd"
     """Where new lines come from: OpenCV's line segment detector or the paper's Hough transform."""
+    points: Literal["maxima", "sobel"] = "maxima"
+    """Edge points: maxima of the slope across a ruling, or the paper's thresholded Sobel pixels."""
+    gate: float = 3.0
+    """The paper's tau: how far from its predicted ruling a Sobel pixel may lie, px."""
     max_lines: int = 30
     """Lines followed at a time."""
     min_length: float = 40.0
     """Shortest segment that starts a line, px."""
-    deviation: float = 1.0
+    deviation: float = 0.5
     """Standard deviation of an edge point, px."""
     effective_points: float = 20.0
     """The most points of that deviation a line's edge in one frame counts for."""
@@ -34,6 +38,7 @@ class EdgesConfig:
     """Whether a line is searched only where it was seen; the paper's rulings are unbounded."""
 
     def __post_init__(self) -> None:
+        _require(0.5 <= self.gate <= 50.0, "gate: must lie in 0.5 to 50 px")
         _require(2 <= self.max_lines <= 200, "max_lines: must lie in 2 to 200")
         _require(20.0 <= self.min_length < 1e4, "min_length: must lie in 20 to 10,000 px")
         _require(0.01 <= self.deviation <= 20.0, "deviation: must lie in 0.01 to 20 px")

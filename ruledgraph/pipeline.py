@@ -189,6 +189,12 @@ class Odometry:
                 self._add_knot([f for f in self._frames if f.time > self.window.newest.time])
                 self._optimize(self.window)
             at_knot = True
+            if not self.window.is_plausible():
+                self.warnings.append(
+                    f"the estimate ran away at {seen.time:.2f} s: a new segment begins"
+                )
+                self._end_segment()
+                return
         if self.window is not None:
             self._report(self.window, seen, lines, at_knot)
         self.tracker.drop_lost()
@@ -295,9 +301,12 @@ class Odometry:
                 f"no IMU for {(gap.stop - gap.start) * 1e-9:.2f} s from "
                 f"{self._seconds(gap.start):.2f} s: a new segment begins where the last one ended"
             )
-        self.finish()
+        self._end_segment()
         self._imu.clear()
         self._waiting.clear()
+
+    def _end_segment(self) -> None:
+        self.finish()
         self._frames.clear()
         self.tracker.tracks.clear()
         self._ahead = None

@@ -19,6 +19,7 @@ from ruledgraph.config import EdgesConfig
 from ruledgraph.edges.detect import Detector
 from ruledgraph.edges.gradient import Gradient
 from ruledgraph.edges.search import EdgePoints, Ruling, normal_of, search, search_all
+from ruledgraph.edges.sobel import search_sobel, sobel_points
 from ruledgraph.sensors import CameraModel, FloatArray
 
 # Deviation of a prediction across the ruling, px: of a fresh track, at least, at most.
@@ -27,8 +28,9 @@ _FRESH_SIGMA, _LEAST_SIGMA, _MOST_SIGMA = 4.0, 1.2, 6.0
 _MOST_MISSES, _LONGEST_MISS = 3, 0.12
 # How far past its ends a line is searched, as a share of its length, so that it can grow.
 _BEYOND = 0.06
-# Points this far off a straight line (root mean square, px) are not one line's.
-_STRAIGHT = 0.45
+# Points this far off a straight line (root mean square, px) are not one line's; thresholded pixels
+# take in parts of neighbouring edges.
+_STRAIGHT = {"maxima": 0.45, "sobel": 1.2}
 # Two lines closer than this all along, px, and within 8 degrees are one.
 _TWIN = 5.0
 _PARALLEL = 0.99
@@ -81,6 +83,7 @@ class Tracker:
         self.tracks: list[Track] = []
         self._camera = camera
         self._config = config
+        self._straight = _STRAIGHT[config.points]
         self._detect = detect
         self._next = 0
         corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
@@ -102,7 +105,12 @@ class Tracker:
             if seen
         ]
         beyond = _BEYOND if self._config.bounded else 10.0
-        searched = iter(search_all(gradient, self._camera, inside, beyond))
+        if self._config.points == "sobel":
+            edges = sobel_points(gradient.image)
+            gate = self._config.gate
+            searched = iter([search_sobel(edges, self._camera, each, gate) for each in inside])
+        else:
+            searched = iter(search_all(gradient, self._camera, inside, beyond))
         found: list[EdgePoints | None] = []
         for track, part, seen in zip(self.tracks, ends, visible, strict=True):
             if seen:
@@ -119,7 +127,7 @@ class Tracker:
         self, stamp: int, time: float, track: Track, ends: FloatArray, found: EdgePoints | None
     ) -> EdgePoints | None:
         """Take in what the search between `ends` found; None if it is not good enough."""
-        if found is None or found.ambiguous or found.deviation > _STRAIGHT:
+        if found is None or found.ambiguous or found.deviation > self._straight:
             track.ends = ends
             track.misses += 1
             if time - track.last_seen > _LONGEST_MISS:
@@ -207,7 +215,7 @@ class Tracker:
         if self._twins(ends[None], np.array([slope]), self.tracks).any():
             return None
         found = search(gradient, self._camera, Ruling(ends, (1.0, 1.0), slope))
-        if found is None or found.deviation > _STRAIGHT or found.support < 0.6:
+        if found is None or found.deviation > self._straight or found.support < 0.6:
             return None
         self._next += 1
         return Track(

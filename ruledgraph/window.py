@@ -39,6 +39,8 @@ _NEAREST_INVERSE = 20.0
 # An estimate that departs from the IMU's prediction by more has diverged (m, m/s).
 _JUMP, _VELOCITY_JUMP = 1.0, 3.0
 _STILL_VELOCITY = 0.01
+# Beyond these the estimate has run away: m/s, and biases in rad/s and m/s^2.
+_FASTEST, _WORST_GYROSCOPE, _WORST_ACCELEROMETER = 50.0, 0.5, 3.0
 # Beyond this (rad) a line's chart is left for a new one, tied to it this closely.
 _FAR_FROM_CHART, _SAME_LINE = 0.7, 1e-4
 # Lines whose covariance is computed anew at a knot; each takes as long as ten factors.
@@ -157,6 +159,15 @@ class Window:
     def newest(self) -> Knot:
         """The latest knot."""
         return self.knots[-1]
+
+    def is_plausible(self) -> bool:
+        """Whether the newest state can be one of a carried or flown camera and its IMU."""
+        knot = self.newest
+        return bool(
+            np.linalg.norm(knot.state.velocity()) < _FASTEST
+            and np.linalg.norm(knot.bias.gyroscope()) < _WORST_GYROSCOPE
+            and np.linalg.norm(knot.bias.accelerometer()) < _WORST_ACCELEROMETER
+        )
 
     # -- growing ---------------------------------------------------------------------------------
 

@@ -19,6 +19,7 @@ class Gradient:
     """Gradient of a lightly blurred image, in grey levels per pixel."""
 
     def __init__(self, image: NDArray[np.uint8]) -> None:
+        self.image = image
         self.height, self.width = image.shape
         smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), _BLUR)
         x = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1.0 / 32.0)

@@ -15,7 +15,7 @@ from ruledgraph.edges.search import EdgePoints, Ruling, fit_line
 from ruledgraph.sensors import CameraModel, FloatArray
 
 # Of the 3x3 Sobel kernel, whose slope is eight times the grey levels per pixel.
-_THRESHOLD = 60.0
+_THRESHOLD = 25.0
 _FEWEST_POINTS, _LEAST_SUPPORT = 8, 0.35
 # Of a grid along the ruling, px: every pixel near it is the nearest to some node.
 _SPACING = 0.7

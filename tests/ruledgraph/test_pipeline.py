@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 import ruledgraph
+from ruledgraph.config import load_config
 from ruledgraph.errors import RuledgraphError
 from ruledgraph.evaluation import alignment
 from ruledgraph.measurements import Frame, Gap, ImuSample
 from ruledgraph.pipeline import Estimate, Odometry
+from ruledgraph.window import Window
 from ruledgraph_factors import kernel
 from small_simulation import frames, small_simulation, small_stream
 
@@ -183,3 +185,30 @@ def test_memory_of_a_run_does_not_grow():
     assert len(odometry.window.knots) < 10 * kept
     assert all(len(track.sightings) < 30 * kept for track in odometry.tracker.tracks)
     assert len(odometry._live_by_stamp) < 30 * kept
+
+
+def test_an_estimate_that_ran_away_ends_its_segment(monkeypatch):
+    stream, calibration = small_stream(moving=True)
+    plausible, calls = Window.is_plausible, []
+
+    def runs_away_once(self):
+        calls.append(1)
+        return plausible(self) and len(calls) != 8
+
+    monkeypatch.setattr(Window, "is_plausible", runs_away_once)
+    odometry, live, smoothed = run(stream, calibration)
+    assert sum("ran away" in warning for warning in odometry.warnings) == 1
+    assert len(live) > 8  # it started again
+    stamps = [e.stamp for e in smoothed]
+    assert stamps == sorted(set(stamps))
+
+
+def test_the_papers_points_work_too():
+    stream, calibration = small_stream()
+    odometry = Odometry(calibration, load_config(None, ["edges.points=sobel"]))
+    live = []
+    for measurement in stream:
+        odometry.add(measurement)
+        live += odometry.take_live()
+    assert len(live) > 60
+    assert ate(live, small_simulation()) < 0.05  # whole pixels of both sides of an edge
