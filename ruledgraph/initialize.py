@@ -31,6 +31,8 @@ _G = -STANDARD_GRAVITY[2]
 _STILL_GYROSCOPE, _STILL_ACCELEROMETER, _STILL_IMAGE = 0.02, 0.25, 0.4
 # Distances a batch is started from, m, and its robust constants, round by round (px).
 _DISTANCES = (1.0, 3.0)
+# Of a point, px: wide, so that a start far off finds its way.
+_DEVIATION = 1.0
 _ROUNDS = (6.0, 2.0, 1.0)
 # Frames of a line that share one loss, and the most frames used.
 _CHUNK, _MOST_FRAMES = 4, 20
@@ -159,7 +161,7 @@ class _Batch:
         self._calibration = calibration
         self._config = config
         self._focal = calibration.camera.focal_length
-        self._deviation = config.edges.deviation / self._focal
+        self._deviation = _DEVIATION / self._focal
         bias = gtsam.imuBias.ConstantBias()
         motion = preintegrate_frames(self._samples, times[0], times, bias)
         self._attitude = _level(motion.preintegrated[-1, 6:9])
@@ -215,7 +217,7 @@ class _Batch:
                     points[part], effective_points=self._config.edges.effective_points
                 )
                 weight = float(np.sum(compressed.statistics[:, :, 2] ** 2))
-                size = robust / self._config.edges.deviation
+                size = robust / _DEVIATION
                 noise = noiseModel.Robust.Create(
                     noiseModel.mEstimator.Cauchy.Create(size * np.sqrt(weight)),
                     noiseModel.Isotropic.Sigma(compressed.rows, self._deviation),

@@ -4,6 +4,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -155,3 +156,14 @@ def test_a_recording_without_motion_says_so(tmp_path):
     summary = run(only_imu, calibration, Config(), tmp_path / "out")
     assert summary["frames_estimated"] == 0
     assert summary["warnings"][-1] == "the odometry never started"
+
+
+def test_the_readmes_python_runs(recording, tmp_path, monkeypatch, capsys):
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```", readme, flags=re.DOTALL | re.MULTILINE)
+    (block,) = [block for block in blocks if "ruledgraph.smooth" in block]
+    (tmp_path / "flight.bag").symlink_to(recording / "small.bag")
+    (tmp_path / "calib.yaml").symlink_to(recording / "calib.yaml")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(block, "README.md", "exec"), {})
+    assert len(capsys.readouterr().out.splitlines()) > 60
