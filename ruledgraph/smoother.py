@@ -48,7 +48,8 @@ class FixedLagSmoother:
             # GTSAM's stub wants a mapping whose key type is exactly its own.
             self._smoother.update(factors, values, times)  # type: ignore[arg-type]
             for _ in range(self._updates):
-                self._smoother.update()
+                # The pre-release of GTSAM 4.3 has no update without arguments.
+                self._smoother.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), {})
             estimate = self._smoother.calculateEstimate()
         except (RuntimeError, IndexError, ValueError) as error:
             raise SmootherError(" ".join(str(error).split())[:300]) from None
