@@ -97,7 +97,10 @@ class Config:
     start: StartConfig = field(default_factory=StartConfig)
 
     def __post_init__(self) -> None:
-        _require(self.start.window <= self.window.lag, "start.window: must not exceed window.lag")
+        _require(
+            self.start.window <= self.window.lag,
+            "start.window must not exceed window.lag: change both, or neither",
+        )
 
 
 def load_config(path: Path | None = None, settings: Iterable[str] = ()) -> Config:
@@ -107,7 +110,7 @@ def load_config(path: Path | None = None, settings: Iterable[str] = ()) -> Confi
         ConfigError: names the file or setting, and the keys there are.
         YamlError: for a file that is no YAML.
     """
-    config = Config()
+    parts = {name: getattr(Config(), name) for name in _names(Config())}
     if path is not None:
         document = read_yaml(path)
         if not isinstance(document, dict):
@@ -116,14 +119,14 @@ def load_config(path: Path | None = None, settings: Iterable[str] = ()) -> Confi
             if not isinstance(values, dict):
                 raise ConfigError(f"{path}: {section}: not a mapping of settings")
             for key, value in values.items():
-                config = _changed(config, f"{path}: ", section, key, value)
+                _change(parts, f"{path}: ", section, key, value)
     for setting in settings:
         name, equals, value = setting.partition("=")
         section, dot, key = name.strip().partition(".")
         if not (equals and dot):
             raise ConfigError(f"--set {setting}: write section.key=value, such as window.lag=2")
-        config = _changed(config, "--set ", section, key, value.strip())
-    return config
+        _change(parts, "--set ", section, key, value.strip())
+    return Config(**parts)
 
 
 def config_text(config: Config) -> str:
@@ -139,21 +142,17 @@ def _text(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _changed(config: Config, where: str, section: str, key: str, value: Node) -> Config:
-    part = getattr(config, section, None) if section in _names(config) else None
+def _change(parts: dict[str, Any], where: str, section: str, key: str, value: Node) -> None:
+    part = parts.get(section)
     if part is None:
-        raise ConfigError(f"{where}no section {section!r}; there are {', '.join(_names(config))}")
+        raise ConfigError(f"{where}no section {section!r}; there are {', '.join(parts)}")
     if key not in _names(part):
         raise ConfigError(f"{where}no setting {section}.{key}; there are {', '.join(_names(part))}")
     converted = _converted(f"{where}{section}.{key}", get_type_hints(type(part))[key], value)
     try:
-        changed = dataclasses.replace(part, **{key: converted})
+        parts[section] = dataclasses.replace(part, **{key: converted})
     except ConfigError as error:
         raise ConfigError(f"{where}{section}.{error}") from None
-    try:
-        return dataclasses.replace(config, **{section: changed})
-    except ConfigError as error:
-        raise ConfigError(f"{where}{error}") from None
 
 
 def _names(part: Any) -> list[str]:

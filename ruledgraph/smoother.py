@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """GTSAM's incremental fixed-lag smoother: the only module that touches it and its failures."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import gtsam
 import numpy as np
@@ -12,6 +12,8 @@ from ruledgraph.sensors import FloatArray
 
 # Estimates that move by less than this are not linearised anew (rad, m, m/s, ...).
 _RELINEARIZE = 1e-3
+# After so many updates without trouble the fast solver gets another try.
+_CAREFUL_UPDATES = 20
 
 
 class SmootherError(RuledgraphError):
@@ -19,41 +21,122 @@ class SmootherError(RuledgraphError):
 
 
 class FixedLagSmoother:
-    """iSAM2 over the last `lag` seconds."""
+    """iSAM2 over the last `lag` seconds.
 
-    def __init__(self, lag: float, updates: int) -> None:
+    It takes Gauss-Newton steps by Cholesky factorisation, which is fast. Where they fail, and they
+    do when the IMU alone carries the estimate for long, it goes over to Dogleg steps by QR with
+    all that it knows, and back when that has gone well for a while.
+
+    Args:
+        lag: s.
+        updates: of iSAM2 after the one that takes new factors in.
+        careful: begin with Dogleg and QR.
+    """
+
+    def __init__(self, lag: float, updates: int, careful: bool = False) -> None:
+        self._lag = lag
+        self._updates = updates
+        self._times: dict[int, float] = {}
+        self.trouble = ""
+        """Why it last had to go over to careful steps."""
+        self._begin(careful)
+
+    def _begin(self, careful: bool) -> None:
         params = gtsam.ISAM2Params()
         params.setRelinearizeThreshold(_RELINEARIZE)
         params.relinearizeSkip = 1
-        # Gauss-Newton runs away when lines that rested without a depth begin to move.
-        params.setOptimizationParams(gtsam.ISAM2DoglegParams())
         params.findUnusedFactorSlots = True
-        # Biases are a million times as certain as a new line: Cholesky calls that indeterminate.
-        params.setFactorization("QR")
-        self._smoother = gtsam.IncrementalFixedLagSmoother(lag, params)
-        self._updates = updates
+        if careful:
+            params.setOptimizationParams(gtsam.ISAM2DoglegParams())
+            params.setFactorization("QR")
+        self._careful_for = _CAREFUL_UPDATES if careful else 0
+        self._smoother = gtsam.IncrementalFixedLagSmoother(self._lag, params)
+
+    @property
+    def careful(self) -> bool:
+        """Whether it takes Dogleg steps by QR now."""
+        return self._careful_for > 0
 
     def update(
         self,
         factors: gtsam.NonlinearFactorGraph,
         values: gtsam.Values,
         times: Mapping[int, float],
+        check: Callable[[gtsam.Values], None],
     ) -> gtsam.Values:
         """Add factors and variables, and the times of new and of refreshed variables.
 
+        Args:
+            factors: new ones.
+            values: of the new variables.
+            times: of new and of refreshed variables, s.
+            check: raises `SmootherError` for an estimate that cannot be right.
+
+        Returns:
+            The estimate of all variables.
+
         Raises:
-            SmootherError: when GTSAM cannot solve the system or the estimate is not finite.
+            SmootherError: when the careful way fails, too. What is known is lost then.
         """
+        known = self._smoother.getFactors(), self._smoother.getLinearizationPoint()
+        self._times = {key: self._times[key] for key in known[1].keys()} | dict(times)  # noqa: SIM118
+        was_careful = self.careful
+        self._careful_for = max(0, self._careful_for - 1)
+        if not self.careful:
+            try:
+                if was_careful:
+                    self._take_over(*known, careful=False)
+                return self._solve(factors, values, times, check)
+            except SmootherError as failure:
+                self.trouble = str(failure)
+                self._take_over(*known, careful=True)
+        return self._solve(factors, values, times, check)
+
+    def _solve(
+        self,
+        factors: gtsam.NonlinearFactorGraph,
+        values: gtsam.Values,
+        times: Mapping[int, float],
+        check: Callable[[gtsam.Values], None],
+    ) -> gtsam.Values:
+        self._call(factors, values, times)
+        for _ in range(self._updates):
+            # The pre-release of GTSAM 4.3 has no update without arguments.
+            self._call(gtsam.NonlinearFactorGraph(), gtsam.Values(), {})
+        estimate = self._smoother.calculateEstimate()
+        check(estimate)
+        return estimate
+
+    def _call(
+        self,
+        factors: gtsam.NonlinearFactorGraph,
+        values: gtsam.Values,
+        times: Mapping[int, float],
+    ) -> None:
         try:
             # GTSAM's stub wants a mapping whose key type is exactly its own.
             self._smoother.update(factors, values, times)  # type: ignore[arg-type]
-            for _ in range(self._updates):
-                # The pre-release of GTSAM 4.3 has no update without arguments.
-                self._smoother.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), {})
-            estimate = self._smoother.calculateEstimate()
         except (RuntimeError, IndexError, ValueError) as error:
             raise SmootherError(" ".join(str(error).split())[:300]) from None
-        return estimate
+
+    def _take_over(
+        self, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, careful: bool
+    ) -> None:
+        """Begin anew with the factors and variables of another smoother."""
+        kept = gtsam.NonlinearFactorGraph()
+        for i in range(factors.size()):
+            factor = factors.at(i)
+            if isinstance(factor, gtsam.LinearContainerFactor):
+                # A marginal does not know where it was linearised: where its variables are fixed.
+                factor = gtsam.LinearContainerFactor(factor.linearize(values), values)
+            if factor is not None:
+                kept.push_back(factor)
+        self._begin(careful)
+        self._call(kept, values, {key: self._times[key] for key in values.keys()})  # noqa: SIM118
+
+    def linearization_point(self) -> gtsam.Values:
+        """Where each variable's factors are linearised."""
+        return self._smoother.getLinearizationPoint()
 
     def covariance(self, key: int) -> FloatArray | None:
         """Marginal covariance of a variable, None when it cannot be computed."""

@@ -31,7 +31,7 @@ _LONGEST_STEP = 1.5
 _CONVERGED = 1e-3
 # Keeps the two directions that one image does not show finite; the others are seen.
 _GRAVITY = np.array(STANDARD_GRAVITY)
-_PRIOR = np.array([1.0, 1e2, 1e2, 1.0])
+_PRIOR = np.array([1.0, 1.0, 1e2, 1e2])
 
 
 # delta, whether a Jacobian is wanted -> whitened residual, Jacobian by delta
@@ -135,7 +135,7 @@ def triangulate(
         return float(value @ value)
 
     turns = [(np.arctan(i) - chart.angle, turn) for i in _INVERSE_DISTANCES for turn in _TURNS]
-    starts = [np.array([turn, 0.0, 0.0, nearer]) for nearer, turn in turns]
+    starts = [np.array([nearer, turn, 0.0, 0.0]) for nearer, turn in turns]
     starts.sort(key=cost)
     delta = min((_descend(start, whitened) for start in starts[:_BEST_STARTS]), key=cost)
     _, jacobian = whitened(delta, True)

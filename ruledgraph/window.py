@@ -19,7 +19,6 @@ from ruledgraph.smoother import FixedLagSmoother, SmootherError
 from ruledgraph.tracks import Sighting, Track
 from ruledgraph.triangulate import View, misfit, triangulate
 from ruledgraph_factors import (
-    NEW_LINE_SIGMAS,
     CompressedPoints,
     FactorError,
     FrameMotion,
@@ -41,8 +40,12 @@ _JUMP, _VELOCITY_JUMP = 1.0, 3.0
 _STILL_VELOCITY = 0.01
 # Beyond these the estimate has run away: m/s, and biases in rad/s and m/s^2.
 _FASTEST, _WORST_GYROSCOPE, _WORST_ACCELEROMETER = 50.0, 0.5, 3.0
-# Beyond this (rad) a line's chart is left for a new one, tied to it this closely.
-_FAR_FROM_CHART, _SAME_LINE = 0.7, 1e-4
+# Prior deviations of a new line's chart. Its plane was seen, and the window is too short to drift
+# by more; left free like `NEW_LINE_SIGMAS`, one bad step carries an outlier where no point pulls.
+_NEW_LINE = np.array([1.0, 1.0, 0.05, 0.05])
+# A line this far (rad) from where its factors are linearised gets a new variable, tied to the old
+# one this closely.
+_MOVED, _SAME_LINE = 0.05, 1e-4
 # Lines whose covariance is computed anew at a knot; each takes as long as ten factors.
 _COVARIANCES = 6
 # Where a window is rebuilt its first state is trusted this much less than it said.
@@ -137,14 +140,15 @@ class Window:
         """Lines that left, until someone takes them."""
         self.recoveries: list[str] = []
         """Why the window had to be rebuilt, each time."""
+        self._broken = False
         self._known_lines = dict(start.lines)
         self._lines_so_far = 0
         self._clear_news()
         _add_priors(self._new_factors, first)
         self._insert(first)
 
-    def _fresh_smoother(self) -> FixedLagSmoother:
-        return FixedLagSmoother(self._config.window.lag, self._config.window.updates)
+    def _fresh_smoother(self, careful: bool = False) -> FixedLagSmoother:
+        return FixedLagSmoother(self._config.window.lag, self._config.window.updates, careful)
 
     def _clear_news(self) -> None:
         self._new_factors = gtsam.NonlinearFactorGraph()
@@ -163,7 +167,7 @@ class Window:
     def is_plausible(self) -> bool:
         """Whether the newest state can be one of a carried or flown camera and its IMU."""
         knot = self.newest
-        return bool(
+        return not self._broken and bool(
             np.linalg.norm(knot.state.velocity()) < _FASTEST
             and np.linalg.norm(knot.bias.gyroscope()) < _WORST_GYROSCOPE
             and np.linalg.norm(knot.bias.accelerometer()) < _WORST_ACCELEROMETER
@@ -269,7 +273,8 @@ class Window:
             track=track,
             chart=chart,
             delta=delta,
-            covariance=np.diag(np.square(NEW_LINE_SIGMAS)) * 0.1,
+            linearized=delta,
+            covariance=np.diag(_NEW_LINE**2) * 0.1,
             first_stamp=seen[0][0].stamps[seen[0][1][0]],
             last_stamp=0,
             last_time=self.newest.time,
@@ -282,19 +287,28 @@ class Window:
             self._observe(interval, line)
 
     def _reanchor(self, line: GraphLine) -> None:
-        """A new chart at the current estimate, under a new key that is tied to the old one."""
+        """A new chart at the current estimate, under a new key that is tied to the old one.
+
+        The smoother never linearises a variable anew whose neighbour has left the window. A line
+        that was not seen from two places by then would keep a depth of which nothing was known.
+        """
+        old_key, key = line.key, L(self._lines_so_far)
+        # The tie is linear: what it leaves out is of the order of the variance.
+        variance = float(np.linalg.eigvalsh(line.covariance)[-1])
+        noise = noiseModel.Diagonal.Sigmas(np.minimum(_SAME_LINE + variance, _NEW_LINE))
+        anchor = line.chart.world_T_anchor
         try:
-            chart, by_delta = line.chart.reanchor(line.delta, line.chart.world_T_anchor)
+            factor, chart = same_line_factor(noise, old_key, key, line.chart, line.delta, anchor)
         except FactorError:
             return  # through its anchor: it will be judged
-        old_key, line.key = line.key, L(self._lines_so_far)
         self._lines_so_far += 1
-        noise = noiseModel.Isotropic.Sigma(4, _SAME_LINE)
-        self._new_factors.add(same_line_factor(noise, old_key, line.key, line.chart, chart))
-        self._new_values.insert(line.key, np.zeros(4))
-        self._new_times |= {old_key: line.last_time, line.key: line.last_time}
-        line.chart, line.delta = chart, np.zeros(4)
+        self._new_factors.add(factor)
+        self._new_values.insert(key, np.zeros(4))
+        self._new_times |= {old_key: line.last_time, key: line.last_time}
+        _, by_delta = line.chart.reanchor(line.delta, anchor)
         line.covariance = by_delta @ line.covariance @ by_delta.T
+        line.key, line.chart, line.delta = key, chart, np.zeros(4)
+        line.linearized, line.fixed = line.delta, False
 
     def _compressed(self, points: list[FloatArray]) -> CompressedPoints:
         most = self._config.edges.effective_points
@@ -312,19 +326,21 @@ class Window:
         Returns:
             The intervals that left the window, with their final estimates.
         """
-        predicted = self.newest.state
         gone = self._drop_old()
         for line in self.lines.values():
-            if np.abs(line.delta).max() > _FAR_FROM_CHART:
+            if line.fixed and np.abs(line.delta - line.linearized).max() > _MOVED:
                 self._reanchor(line)
+        was_careful = self._smoother.careful
         try:
             news = (self._new_factors, self._new_values, self._new_times)
-            self._read(self._smoother.update(*news))
-            self._check(predicted)
+            self._read(self._smoother.update(*news, self._check))
         except SmootherError as failure:
             self.recoveries.append(f"at {self.newest.time:.2f} s: {failure}")
-            self.newest.state = predicted
             self._rebuild()
+        else:
+            if self._smoother.careful and not was_careful:
+                trouble = f"at {self.newest.time:.2f} s: {self._smoother.trouble}"
+                self.recoveries.append(f"{trouble}; solved by careful steps")
         self._clear_news()
         self._read_covariances()
         self._judge()
@@ -334,8 +350,11 @@ class Window:
         oldest = self.newest.time - self._config.window.lag
         gone = []
         while self.intervals and self.intervals[0].knot.time < oldest:
-            gone.append(self.intervals.popleft())
+            interval = self.intervals.popleft()
+            gone.append(interval)
             self.knots.popleft()
+            for line, factor in interval.line_factors:
+                line.fixed |= factor.keys()[-1] == line.key
         for number in [n for n, line in self.lines.items() if line.last_time < oldest]:
             self.retired.append(self.lines.pop(number))
         return gone
@@ -345,14 +364,18 @@ class Window:
             pose, velocity = estimate.atPose3(X(knot.index)), estimate.atVector(V(knot.index))
             knot.state = gtsam.NavState(pose, velocity)
             knot.bias = estimate.atConstantBias(B(knot.index))
+        linearized = self._smoother.linearization_point()
         for line in self.lines.values():
             if estimate.exists(line.key):
                 line.delta = estimate.atVector(line.key)
+                line.linearized = linearized.atVector(line.key)
 
-    def _check(self, predicted: gtsam.NavState) -> None:
-        state = self.newest.state
-        jump = float(np.linalg.norm(state.position() - predicted.position()))
-        change = float(np.linalg.norm(state.velocity() - predicted.velocity()))
+    def _check(self, estimate: gtsam.Values) -> None:
+        """The newest state must not be far from the IMU's prediction."""
+        k, predicted = self.newest.index, self.newest.state
+        place, velocity = estimate.atPose3(X(k)).translation(), estimate.atVector(V(k))
+        jump = float(np.linalg.norm(place - predicted.position()))
+        change = float(np.linalg.norm(velocity - predicted.velocity()))
         if not (jump < _JUMP and change < _VELOCITY_JUMP):
             raise SmootherError(f"the estimate jumped by {jump:.2g} m, {change:.2g} m/s")
 
@@ -398,11 +421,12 @@ class Window:
                     line.track.give_up()
                 self.lines.clear()
             try:
-                self._smoother = self._fresh_smoother()
-                self._read(self._smoother.update(*self._everything()))
+                self._smoother = self._fresh_smoother(careful=True)
+                self._read(self._smoother.update(*self._everything(), self._check))
                 return
             except SmootherError:
                 continue
+        self._broken = True
 
     def _everything(self) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[int, float]]:
         factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
@@ -445,7 +469,7 @@ def _add_priors(factors: gtsam.NonlinearFactorGraph, knot: Knot, inflation: floa
 
 
 def _line_prior(line: GraphLine) -> gtsam.NonlinearFactor:
-    noise = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
+    noise = noiseModel.Diagonal.Sigmas(_NEW_LINE)
     return gtsam.PriorFactorVector(line.key, np.zeros(4), noise)
 
 

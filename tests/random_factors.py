@@ -83,5 +83,5 @@ def random_case(seed: int, frames: int = 3, points: int = 6, distance: float | N
     values.insert(B(0), gtsam.imuBias.ConstantBias(bias[:3], bias[3:]))
     values.insert(G(0), gtsam.Unit3(rng.normal(size=3)))
     values.insert(G(1), rng.normal(size=3) * 9.0)
-    values.insert(L(0), np.append(rng.normal(size=3) * 0.02, rng.normal() * 0.01))
+    values.insert(L(0), np.append(rng.normal() * 0.01, rng.normal(size=3) * 0.02))
     return Case(rng, motion, chart, list(seen), body_T_cam, values)

@@ -112,7 +112,7 @@ def smoothing_problem(
     graph.addPriorConstantBias(B(0), bias, noiseModel.Diagonal.Sigmas(bias_sigmas))
 
     charts = []
-    wide = noiseModel.Diagonal.Sigmas(np.array([1.0, 10.0, 10.0, 1.0]))
+    wide = noiseModel.Diagonal.Sigmas(np.array([1.0, 1.0, 10.0, 10.0]))
     for i, (first, second) in enumerate(SEGMENTS):
         true_chart = LineChart.from_points(start * BODY_T_CAM, first, second)
         inverse_distance, _ = true_chart.inverse_distance(np.zeros(4))

@@ -44,7 +44,7 @@ from ruledgraph_factors.factor import ruled_surface_factor_with_gravity_vector
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.motion import STANDARD_GRAVITY, FrameMotion
 from ruledgraph_factors.observations import CompressedPoints
-from ruledgraph_factors.ruling import fit_image_line, line_from_ruling
+from ruledgraph_factors.ruling import NEW_LINE_SIGMAS, fit_image_line, line_from_ruling
 from ruledgraph_factors.so3 import exp_and_right_jacobian
 from ruledgraph_factors.validation import (
     FloatArray,
@@ -285,7 +285,7 @@ def _refine(
     line_keys = range(4, 4 + len(charts))
     bias = gtsam.imuBias.ConstantBias(motion.bias[:3], motion.bias[3:])
     bias_sigmas = np.repeat([1e-6, _GYROSCOPE_BIAS_SIGMA], 3)
-    wide = noiseModel.Diagonal.Sigmas(np.array([1.0, 10.0, 10.0, 1.0]))
+    wide = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
     priors, points_graph = gtsam.NonlinearFactorGraph(), gtsam.NonlinearFactorGraph()
     priors.addPriorPose3(pose_key, gtsam.Pose3(), noiseModel.Isotropic.Sigma(6, 1e-6))
     priors.addPriorConstantBias(bias_key, bias, noiseModel.Diagonal.Sigmas(bias_sigmas))

@@ -6,12 +6,14 @@ A line is the Pluecker pair (m, v): direction v and moment m = x x v of any poin
 *anchor* frame A, usually the camera pose in which the line was first seen, a constant,
 
     m_A = cos(phi) u1,   v_A = sin(phi) u2,
-    (u1 u2 u3) = U0 Exp(delta[0:3]),   phi = phi0 + delta[3].
+    (u1 u2 u3) = U0 Exp(delta[1:4]),   phi = phi0 + delta[0].
 
 u1 is the normal of the plane through the anchor's centre and the line, u2 the line's direction,
 -cot(phi) u3 its point closest to the anchor's centre, tan(phi) its inverse distance. From one image
-delta[1] and delta[2] (the plane) are seen; delta[0] (the direction inside the plane) and delta[3]
-(the distance) are not, and both stay near-Gaussian.
+delta[2] and delta[3] (the plane) are seen; delta[0] (the distance) and delta[1] (the direction
+inside the plane) are not, and both stay near-Gaussian. The order matters to GTSAM: its Cholesky
+factorisation calls a variable indeterminate whose last pivot is some 4096 times smaller than the
+one before, so the two that are always well seen come last.
 
 Source: orthonormal representation of Bartoli and Sturm, "Structure-from-motion using lines", CVIU
 2005; the anchoring makes its second factor an inverse distance.
@@ -19,9 +21,9 @@ Source: orthonormal representation of Bartoli and Sturm, "Structure-from-motion 
 Defined behaviour at the ends of the chart:
 
 - *Line at infinity*, sin(phi) = 0: `plucker`, `direction`, `inverse_distance`, `reanchor` and all
-  factors work; `closest_point`, `distance_to` and `end_points` raise `FactorError`. delta[0] has no
+  factors work; `closest_point`, `distance_to` and `end_points` raise `FactorError`. delta[1] has no
   effect there, so a Hessian from factors alone loses that one rank.
-- *Line through the anchor's centre*, cos(phi) = 0: everything works; delta[1] has no effect.
+- *Line through the anchor's centre*, cos(phi) = 0: everything works; delta[2] has no effect.
   `reanchor` refuses an anchor whose centre lies on the line.
 """
 
@@ -141,9 +143,9 @@ class LineChart:
     # -- the chart -------------------------------------------------------------------------------
 
     def frame(self, delta: FloatArray) -> tuple[FloatArray, float, FloatArray]:
-        """U (3, 3), phi and the right Jacobian Jr(delta[0:3]) (3, 3) at `delta`."""
-        rotation, right_jacobian = exp_and_right_jacobian(delta[:3])
-        return self.basis @ rotation, self.angle + float(delta[3]), right_jacobian
+        """U (3, 3), phi and the right Jacobian Jr(delta[1:4]) (3, 3) at `delta`."""
+        rotation, right_jacobian = exp_and_right_jacobian(delta[1:])
+        return self.basis @ rotation, self.angle + float(delta[0]), right_jacobian
 
     def plucker(self, delta: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """World Pluecker coordinates (moment, direction), (6,), and their derivative, (6, 4).
@@ -155,8 +157,8 @@ class LineChart:
         rotation, position = _arrays(self.world_T_anchor)
         moment, direction = cosine * u[:, 0], sine * u[:, 1]
         d_u1, d_u2, _ = _column_derivatives(u, right_jacobian)
-        d_moment = np.column_stack([cosine * d_u1, -sine * u[:, 0]])
-        d_direction = np.column_stack([sine * d_u2, cosine * u[:, 1]])
+        d_moment = np.column_stack([-sine * u[:, 0], cosine * d_u1])
+        d_direction = np.column_stack([cosine * u[:, 1], sine * d_u2])
         across = hat(position) @ rotation
         return (
             np.concatenate([rotation @ moment + across @ direction, rotation @ direction]),
@@ -183,7 +185,7 @@ class LineChart:
             rotation = gtsam.Rot3(self.basis.T @ (u * np.array(signs)))
             turn = side * angle - self.angle
             turn -= np.pi * np.round(turn / np.pi)
-            candidates.append(np.append(gtsam.Rot3.Logmap(rotation), turn))
+            candidates.append(np.append(turn, gtsam.Rot3.Logmap(rotation)))
         return np.asarray(min(candidates, key=lambda d: float(d @ d)))
 
     def reanchor(
@@ -204,12 +206,12 @@ class LineChart:
         rotation, position = _arrays(new_T_old)
 
         direction = rotation @ u[:, 1]
-        d_direction = np.column_stack([rotation @ d_u2, np.zeros(3)])
+        d_direction = np.column_stack([np.zeros(3), rotation @ d_u2])
         moment = rotation @ (cosine * u[:, 0]) + sine * np.cross(position, direction)
         d_moment = np.column_stack(
             [
-                cosine * rotation @ d_u1 + sine * hat(position) @ d_direction[:, :3],
                 -sine * rotation @ u[:, 0] + cosine * np.cross(position, direction),
+                cosine * rotation @ d_u1 + sine * hat(position) @ d_direction[:, 1:],
             ]
         )
         size = float(np.linalg.norm(moment))
@@ -220,13 +222,13 @@ class LineChart:
         d_size = normal @ d_moment
         d_normal = (d_moment - np.outer(normal, d_size)) / size
         # From U = U Exp(w): u3 . du2 = w0, -u3 . du1 = w1, u2 . du1 = w2; phi = atan2(sine, size).
-        d_sine = np.array([0.0, 0.0, 0.0, cosine])
+        d_sine = np.array([cosine, 0.0, 0.0, 0.0])
         jacobian = np.stack(
             [
+                (size * d_sine - sine * d_size) / (size**2 + sine**2),
                 basis[:, 2] @ d_direction,
                 -basis[:, 2] @ d_normal,
                 basis[:, 1] @ d_normal,
-                (size * d_sine - sine * d_size) / (size**2 + sine**2),
             ]
         )
         # `basis` is orthonormal but for rounding; Rot3 puts that right before it is stored.
@@ -240,7 +242,7 @@ class LineChart:
         u, _, right_jacobian = self.frame(_delta(delta))
         rotation, _ = _arrays(self.world_T_anchor)
         _, d_u2, _ = _column_derivatives(u, right_jacobian)
-        return rotation @ u[:, 1], np.column_stack([rotation @ d_u2, np.zeros(3)])
+        return rotation @ u[:, 1], np.column_stack([np.zeros(3), rotation @ d_u2])
 
     def inverse_distance(self, delta: ArrayLike) -> tuple[float, FloatArray]:
         """tan(phi), one over the distance to the anchor's centre (1/m), and its derivative, (4,).
@@ -248,8 +250,8 @@ class LineChart:
         It changes sign where the line passes through infinity to the anchor's other side, and
         again where it passes through the anchor's centre.
         """
-        tangent = float(np.tan(self.angle + _delta(delta)[3]))
-        return tangent, np.array([0.0, 0.0, 0.0, 1.0 + tangent**2])
+        tangent = float(np.tan(self.angle + _delta(delta)[0]))
+        return tangent, np.array([1.0 + tangent**2, 0.0, 0.0, 0.0])
 
     def closest_point(
         self, delta: ArrayLike, to: ArrayLike | None = None
@@ -314,8 +316,8 @@ class LineChart:
             raise FactorError("delta: the line is at infinity and has no finite point")
         _, d_u2, d_u3 = _column_derivatives(u, right_jacobian)
         distance = float(np.cos(phi)) / sine
-        d_foot = np.column_stack([-distance * d_u3, u[:, 2] / sine**2])
-        return -distance * u[:, 2], u[:, 1], d_foot, np.column_stack([d_u2, np.zeros(3)])
+        d_foot = np.column_stack([u[:, 2] / sine**2, -distance * d_u3])
+        return -distance * u[:, 2], u[:, 1], d_foot, np.column_stack([np.zeros(3), d_u2])
 
 
 def _delta(value: ArrayLike) -> FloatArray:
@@ -329,7 +331,7 @@ def _arrays(frame: gtsam.Pose3) -> tuple[FloatArray, FloatArray]:
 def _column_derivatives(
     u: FloatArray, right_jacobian: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Derivatives of u1, u2, u3 by delta[0:3], each (3, 3): d u_i = U (w x e_i), w = Jr d delta."""
+    """Derivatives of u1, u2, u3 by delta[1:4], each (3, 3): d u_i = U (w x e_i), w = Jr d delta."""
     w0, w1, w2 = right_jacobian
     u1, u2, u3 = u.T
     return (

@@ -125,18 +125,18 @@ class Geometry:
         by_pose[:, 3:, :3] = across
         by_pose[:, 3:, 3:] = 0.0
 
-        # By the line: u1 and u2 turn with w = Jr delta, phi grows with delta[3].
+        # By the line: u1 and u2 turn with w = Jr delta, phi grows with delta[0].
         d_normal, d_along = -self.world_R_anchor @ u @ _AXIS_HATS @ right_jacobian
         d_world_moment = np.empty((len(self.motion), 3, 4))
-        d_world_moment[..., :3] = cosine * d_normal + sine * lever @ d_along
-        d_world_moment[..., 3] = -sine * normal + cosine * (lever @ along)
+        d_world_moment[..., 1:] = cosine * d_normal + sine * lever @ d_along
+        d_world_moment[..., 0] = -sine * normal + cosine * (lever @ along)
 
         jacobian = np.zeros((len(self.motion), 6, COLUMNS))
         jacobian[..., :18] = by_pose @ frames.jacobian
         jacobian[:, :3, :18] = cam_R_body @ jacobian[:, :3, :18]
         jacobian[:, 3:, :18] = cam_R_body @ jacobian[:, 3:, :18]
         jacobian[:, :3, 18:] = cam_R_world @ d_world_moment
-        jacobian[:, 3:, 18:21] = cam_R_world @ d_along
+        jacobian[:, 3:, 19:] = cam_R_world @ d_along
         return CameraLine(moment, direction, sign, jacobian[:, :3], jacobian[:, 3:])
 
 

@@ -10,9 +10,9 @@ from ruledgraph_factors.errors import FactorError
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.validation import FloatArray, image_points
 
-NEW_LINE_SIGMAS = (1.0, 10.0, 10.0, 1.0)
+NEW_LINE_SIGMAS = (1.0, 1.0, 10.0, 10.0)
 """Prior deviations of a new line's delta: anywhere in front and in any direction, while the viewing
-plane (delta[1], delta[2]) is left to the points. Without a prior a new line is indeterminate."""
+plane (delta[2], delta[3]) is left to the points. Without a prior a new line is indeterminate."""
 
 
 def line_from_ruling(
@@ -22,7 +22,7 @@ def line_from_ruling(
 
     The image line is the total-least-squares fit; the line is taken perpendicular to the ray
     through the middle of the points, at 1 / inverse_distance from the camera's centre. Give the two
-    unseen directions, delta[0] and delta[3], a wide prior in the graph: `NEW_LINE_SIGMAS`.
+    unseen directions, delta[0] and delta[1], a wide prior in the graph: `NEW_LINE_SIGMAS`.
 
     Args:
         world_T_cam: camera pose (optical axes), the chart's anchor.

@@ -136,7 +136,7 @@ def test_a_line_carried_beyond_infinity_is_behind_for_the_reprojection_error() -
     far = LineChart.from_ruling(gtsam.Pose3(), [0.0, 1.0, -0.2], 0.01)
     points = np.array([[0.1, 0.2]])
     np.testing.assert_allclose(pose_error(IndividualPoints, far, points), 0.0, atol=1e-15)
-    beyond = pose_error(IndividualPoints, far, points, [0.0, 0.0, 0.0, -0.02])
+    beyond = pose_error(IndividualPoints, far, points, [-0.02, 0.0, 0.0, 0.0])
     np.testing.assert_array_equal(beyond, 2.0)
 
 

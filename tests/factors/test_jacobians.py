@@ -85,7 +85,7 @@ def test_line_at_infinity(kind) -> None:
             anchor = case.chart.world_T_anchor
             normal = anchor.rotation().rotate(case.chart.basis[:, 0])
             case.chart = LineChart.from_plucker(anchor, normal, 1e-9 * individual * plucker[3:])
-            case.values.update(L(0), np.array([0.0, 0.0, 0.0, 1e-3 * individual]))
+            case.values.update(L(0), np.array([1e-3 * individual, 0.0, 0.0, 0.0]))
             yield case
 
     check_all(cases(), "knot", kind, (1e-4, 1e-5, 1e-6), least=40)

@@ -89,7 +89,7 @@ def test_large_turns_agree(angle: float, kind, by_both: ByBoth) -> None:
         case.motion = FrameMotion(
             case.motion.elapsed, turned, case.motion.bias_jacobian, case.motion.bias
         )
-        case.values.update(L(0), np.append(angle * axis, 0.1))
+        case.values.update(L(0), np.append(0.1, angle * axis))
         assert_same(by_both(lambda c=case: c.factor("knot", kind)), case.values)
 
 

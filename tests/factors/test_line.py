@@ -23,7 +23,8 @@ def random_chart(rng: np.random.Generator) -> LineChart:
 
 def random_delta(rng: np.random.Generator) -> np.ndarray:
     """Moves the line visibly, yet keeps phi away from the chart's ends."""
-    return np.append(rng.normal(size=3) * 0.4, rng.uniform(-0.05, 0.05))
+    turn, phi = rng.normal(size=3) * 0.4, rng.uniform(-0.05, 0.05)
+    return np.append(phi, turn)
 
 
 def on_line(plucker: np.ndarray, point: np.ndarray) -> float:
@@ -163,10 +164,10 @@ def test_line_at_infinity() -> None:
     plucker, jacobian = chart.plucker(np.zeros(4))
     np.testing.assert_allclose(plucker[3:], 0.0, atol=1e-15)
     assert np.isfinite(jacobian).all()
-    assert np.linalg.matrix_rank(jacobian, tol=1e-9) == 3  # delta[0] has no effect there
+    assert np.linalg.matrix_rank(jacobian, tol=1e-9) == 3  # delta[1] has no effect there
     inverse, slope = chart.inverse_distance(np.zeros(4))
     assert inverse == 0.0
-    assert slope[3] == 1.0
+    assert slope[0] == 1.0
     assert np.linalg.norm(chart.direction(np.zeros(4))[0]) == pytest.approx(1.0)
     for quantity in (
         lambda: chart.closest_point(np.zeros(4)),
@@ -178,8 +179,8 @@ def test_line_at_infinity() -> None:
     moved, _ = chart.reanchor(np.zeros(4), gtsam.Pose3(gtsam.Rot3(), np.array([5.0, 1.0, 2.0])))
     assert moved.angle == 0.0
     # One step back from infinity it is an ordinary, far line; one step beyond, on the other side.
-    near, _ = chart.closest_point([0.0, 0.0, 0.0, 0.01])
-    beyond, _ = chart.closest_point([0.0, 0.0, 0.0, -0.01])
+    near, _ = chart.closest_point([0.01, 0.0, 0.0, 0.0])
+    beyond, _ = chart.closest_point([-0.01, 0.0, 0.0, 0.0])
     np.testing.assert_allclose(near, -beyond)
     assert np.linalg.norm(near) == pytest.approx(1.0 / np.tan(0.01))
 
@@ -195,7 +196,7 @@ def test_line_through_the_anchors_centre() -> None:
     )
     assert chart.distance_to(np.zeros(4), anchor.translation() + 0.7 * direction)[0] < 1e-12
     _, jacobian = chart.plucker(np.zeros(4))
-    assert np.linalg.matrix_rank(jacobian, tol=1e-9) == 3  # delta[1] has no effect there
+    assert np.linalg.matrix_rank(jacobian, tol=1e-9) == 3  # delta[2] has no effect there
     with pytest.raises(FactorError, match="runs through the new anchor's centre"):
         chart.reanchor(np.zeros(4), anchor)
     moved, _ = chart.reanchor(np.zeros(4), gtsam.Pose3())

@@ -7,7 +7,6 @@ import pytest
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import L
 
-from numerics import derivative
 from ruledgraph_factors import FactorError, LineChart, same_line_factor
 
 
@@ -15,12 +14,10 @@ def random_pose(rng: np.random.Generator) -> gtsam.Pose3:
     return gtsam.Pose3(gtsam.Rot3.Expmap(rng.normal(scale=0.5, size=3)), rng.normal(size=3))
 
 
-def random_pair(rng: np.random.Generator) -> tuple[LineChart, np.ndarray, LineChart]:
-    """A chart, a line some way from its reference, and a new chart at that line."""
+def random_line(rng: np.random.Generator) -> tuple[LineChart, np.ndarray, gtsam.Pose3]:
+    """A chart, a line some way from its reference, and where to anchor it anew."""
     chart = LineChart.from_points(random_pose(rng), *rng.normal([0.0, 0.0, 4.0], size=(2, 3)))
-    delta = rng.normal(scale=0.3, size=4)
-    new_chart, _ = chart.reanchor(delta, random_pose(rng))
-    return chart, delta, new_chart
+    return chart, rng.normal(scale=0.3, size=4), random_pose(rng)
 
 
 def values_of(old: np.ndarray, new: np.ndarray) -> gtsam.Values:
@@ -31,43 +28,65 @@ def values_of(old: np.ndarray, new: np.ndarray) -> gtsam.Values:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_residual_and_jacobians(seed):
+def test_the_same_line_has_no_error_to_first_order(seed):
     rng = np.random.default_rng(seed)
-    chart, delta, new_chart = random_pair(rng)
+    chart, delta, anchor = random_line(rng)
     sigma = 0.01
-    factor = same_line_factor(noiseModel.Isotropic.Sigma(4, sigma), L(0), L(1), chart, new_chart)
-    np.testing.assert_allclose(
-        factor.unwhitenedError(values_of(delta, np.zeros(4))), 0.0, atol=1e-12
-    )
-    old, new = delta + rng.normal(scale=0.05, size=4), rng.normal(scale=0.05, size=4)
-    residual = factor.unwhitenedError(values_of(old, new))
-    moment_and_direction, _ = chart.plucker(old)
-    expected = new_chart.local(moment_and_direction[:3], moment_and_direction[3:]) - new
-    np.testing.assert_allclose(residual, expected, atol=1e-9)
-    A, b = factor.linearize(values_of(old, new)).jacobian()
-    np.testing.assert_allclose(sigma * b, -residual, atol=1e-12)
-    by_old = derivative(lambda d: factor.unwhitenedError(values_of(d, new)), old, 1e-4)
-    by_new = derivative(lambda d: factor.unwhitenedError(values_of(old, d)), new, 1e-4)
-    np.testing.assert_allclose(sigma * A, np.hstack([by_old, by_new]), atol=1e-7)
+    noise = noiseModel.Isotropic.Sigma(4, sigma)
+    factor, new_chart = same_line_factor(noise, L(0), L(1), chart, delta, anchor)
+    plucker, _ = chart.plucker(delta)
+    np.testing.assert_allclose(new_chart.local(plucker[:3], plucker[3:]), 0.0, atol=1e-9)
+    assert factor.error(values_of(delta, np.zeros(4))) == 0.0
+    for size in (1e-3, 1e-4):
+        old = delta + rng.normal(scale=size, size=4)
+        plucker, _ = chart.plucker(old)
+        new = new_chart.local(plucker[:3], plucker[3:])
+        # The chart's second derivatives are of the order of the scene's scales, some tens.
+        assert np.sqrt(2.0 * factor.error(values_of(old, new))) * sigma < 1e3 * size**2
+        off = new + rng.normal(scale=size, size=4)
+        expected = 0.5 * np.sum((off - new) ** 2) / sigma**2
+        assert factor.error(values_of(old, off)) == pytest.approx(expected, rel=2e3 * size)
+
+
+def test_it_is_linear_about_the_estimate_wherever_it_is_linearised():
+    rng = np.random.default_rng(1)
+    chart, delta, anchor = random_line(rng)
+    noise = noiseModel.Diagonal.Sigmas(np.array([0.1, 0.2, 0.3, 0.4]))
+    factor, _ = same_line_factor(noise, L(0), L(1), chart, delta, anchor)
+    _, by_delta = chart.reanchor(delta, anchor)
+    for old in (delta, np.zeros(4), rng.normal(size=4)):
+        new = rng.normal(size=4)
+        A, b = factor.linearize(values_of(old, new)).jacobian()
+        whiten = np.diag(1.0 / noise.sigmas())
+        np.testing.assert_allclose(A, whiten @ np.hstack([by_delta, -np.eye(4)]), atol=1e-12)
+        np.testing.assert_allclose(b, -whiten @ (by_delta @ (old - delta) - new), atol=1e-9)
 
 
 def test_the_covariance_travels_as_by_reanchor():
     rng = np.random.default_rng(0)
-    chart, delta, new_chart = random_pair(rng)
-    covariance = np.diag([0.01, 0.002, 0.003, 0.02])
+    chart, delta, anchor = random_line(rng)
+    covariance = np.diag([0.02, 0.01, 0.002, 0.003])
     graph = gtsam.NonlinearFactorGraph()
+    # Linearised elsewhere, as by a smoother that has stopped to linearise the old variable anew.
     graph.addPriorVector(L(0), delta, noiseModel.Gaussian.Covariance(covariance))
-    graph.add(same_line_factor(noiseModel.Isotropic.Sigma(4, 1e-4), L(0), L(1), chart, new_chart))
-    marginals = gtsam.Marginals(graph, values_of(delta, np.zeros(4)))
-    _, jacobian = chart.reanchor(delta, new_chart.world_T_anchor)
+    noise = noiseModel.Isotropic.Sigma(4, 1e-4)
+    graph.add(same_line_factor(noise, L(0), L(1), chart, delta, anchor)[0])
+    marginals = gtsam.Marginals(graph, values_of(np.zeros(4), np.zeros(4)))
+    _, jacobian = chart.reanchor(delta, anchor)
     np.testing.assert_allclose(
         marginals.marginalCovariance(L(1)), jacobian @ covariance @ jacobian.T, atol=1e-7
     )
 
 
 def test_wrong_arguments_are_named():
-    chart, _, new_chart = random_pair(np.random.default_rng(0))
+    chart, delta, anchor = random_line(np.random.default_rng(0))
+    noise = noiseModel.Isotropic.Sigma(4, 1.0)
     with pytest.raises(FactorError, match="dimension 3, but this factor has 4 rows"):
-        same_line_factor(noiseModel.Isotropic.Sigma(3, 1.0), L(0), L(1), chart, new_chart)
-    with pytest.raises(FactorError, match="new_chart"):
-        same_line_factor(noiseModel.Isotropic.Sigma(4, 1.0), L(0), L(1), chart, None)
+        same_line_factor(noiseModel.Isotropic.Sigma(3, 1.0), L(0), L(1), chart, delta, anchor)
+    with pytest.raises(FactorError, match="delta"):
+        same_line_factor(noise, L(0), L(1), chart, delta[:3], anchor)
+    with pytest.raises(FactorError, match="world_T_anchor"):
+        same_line_factor(noise, L(0), L(1), chart, delta, None)
+    on_it, _ = chart.closest_point(delta)
+    with pytest.raises(FactorError, match="runs through the new anchor's centre"):
+        same_line_factor(noise, L(0), L(1), chart, delta, gtsam.Pose3(gtsam.Rot3(), on_it))

@@ -35,7 +35,7 @@ def test_what_is_written_reads_back(tmp_path):
         ("edges.bounded=maybe", "'maybe' is not true or false"),
         ("edges.detector=canny", "'canny' is none of lsd, hough"),
         ("window.lag=0.1", "--set window.lag: must lie in 4 knots to 60 s"),
-        ("start.window=9", "--set start.window: must not exceed window.lag"),
+        ("start.window=9", "start.window must not exceed window.lag"),
         ("window", "--set window: write section.key=value"),
     ],
 )
@@ -61,3 +61,8 @@ def test_wrong_files_are_named(tmp_path, text, message):
     with pytest.raises(ConfigError, match=message) as caught:
         load_config(file)
     assert str(file) in str(caught.value)
+
+
+def test_settings_that_bound_each_other_come_in_any_order():
+    settings = ["window.lag=0.6", "start.window=0.5"]
+    assert load_config(None, settings) == load_config(None, settings[::-1])

@@ -61,7 +61,7 @@ struct FrameMotion {
 struct WorldLine {
   Vector3 normal, along;
   double cosine, sine;
-  Matrix3 d_normal, d_along;  ///< by the first three of the line's coordinates
+  Matrix3 d_normal, d_along;  ///< by the last three of the line's coordinates
 };
 
 /// The line in one camera, up to the common scale of its unit Pluecker pair.
@@ -86,8 +86,8 @@ class Geometry {
   std::size_t frames() const { return frames_.size(); }
 
   WorldLine line_in_world(const State& state) const {
-    const Exponential turn = exponential(state.line.head<3>());
-    const double phi = chart_.angle + state.line[3];
+    const Exponential turn = exponential(state.line.tail<3>());
+    const double phi = chart_.angle + state.line[0];
     const Matrix3 world_R_line = chart_.world_R_anchor * (chart_.basis * turn.rotation);
     // u1 and u2 turn with w = Jr delta.
     return {world_R_line.col(0),
@@ -140,15 +140,15 @@ class Geometry {
     d_moment.middleCols<6>(kBias) =
         by_rotation * turn_by_bias + by_knot_translation * motion.bias_jacobian.bottomRows<3>();
     d_moment.middleCols<3>(kGravity) = by_world_translation * (0.5 * t * t);
-    d_moment.middleCols<3>(kLine) =
+    d_moment.middleCols<3>(kLine + 1) =
         cam_R_world * (line.cosine * line.d_normal + line.sine * (hat(lever) * line.d_along));
-    d_moment.col(kLine + 3) = cam_R_world * (line.cosine * turned - line.sine * line.normal);
+    d_moment.col(kLine) = cam_R_world * (line.cosine * turned - line.sine * line.normal);
 
     auto& d_direction = result.d_direction;
     d_direction.setZero();
     d_direction.middleCols<3>(kPose) = direction_by_rotation * frame_R_knot;
     d_direction.middleCols<6>(kBias) = direction_by_rotation * turn_by_bias;
-    d_direction.middleCols<3>(kLine) = cam_R_world * line.d_along;
+    d_direction.middleCols<3>(kLine + 1) = cam_R_world * line.d_along;
     return result;
   }
 
