@@ -4,7 +4,7 @@
 
 import time as clock
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -21,6 +21,7 @@ from ruledgraph.pipeline import Odometry
 from ruledgraph.results import Results
 from ruledgraph.sensors import Calibration
 from ruledgraph.trajectory import read_tum
+from ruledgraph.versions import machine_text, version_text
 
 Solver = Literal["graph", "paper"]
 """The factor graph, or the paper's own as a baseline."""
@@ -63,6 +64,7 @@ def run(
     *,
     solver: Solver = "graph",
     ground_truth: GroundTruth | None = None,
+    inputs: Mapping[str, str] | None = None,
     warnings: Callable[[], list[str]] = list,
     watch: Callable[[Odometry, Frame], None] | None = None,
     on_progress: Callable[[Progress], None] | None = None,
@@ -76,6 +78,7 @@ def run(
         output: folder for the results, see `Results`.
         solver: the paper's has no use for `config`, and no covariances.
         ground_truth: to compare with at the end.
+        inputs: what the recording, calibration and so on were, for the summary.
         warnings: asked at the end for what the recording's reader has to say.
         watch: sees the factor graph's odometry after each frame.
         on_progress: called after each frame.
@@ -110,7 +113,13 @@ def run(
             _hand_over(odometry, results, tally, None)
             elapsed = clock.perf_counter() - started
             lines = [*warnings(), *odometry.warnings]
-            summary = _summary(odometry, tally, elapsed, lines, ended)
+            about = {
+                "versions": version_text(),
+                "machine": machine_text(),
+                "solver": solver,
+                "inputs": dict(inputs or {}),
+            }
+            summary = about | _summary(odometry, tally, elapsed, lines, ended)
             if ground_truth is not None and tally.estimates:
                 summary["accuracy"] = _accuracy(output, ground_truth)
             results.summarize(summary)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """`ruledgraph smooth`: finds what it needs, runs it, and says what came of it."""
 
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -73,6 +74,7 @@ def smooth_command(
             output,
             solver=solver,
             ground_truth=truth,
+            inputs=_inputs(recording, calibration_files, ground_truth, choice),
             warnings=lambda: source.report.warnings,
             watch=sketches.watch if sketches else None,
             on_progress=show,
@@ -80,6 +82,21 @@ def smooth_command(
     if sketches is not None:
         sketches.draw(output, truth)
     _tell(summary, output, verbose)
+    if plots:
+        click.echo(f"on one page: ruledgraph report {shlex.quote(str(output))}")
+
+
+def _inputs(
+    recording: Path, files: Sequence[Path], ground_truth: str | None, choice: dict[str, Any]
+) -> dict[str, str]:
+    """What was asked for, as it was written."""
+    named = {
+        "recording": str(recording),
+        "calibration": ", ".join(map(str, files)),
+        "ground truth": ground_truth,
+        **{name.replace("_", " "): value for name, value in choice.items()},
+    }
+    return {name: str(value) for name, value in named.items() if value not in (None, "")}
 
 
 def _calibration(
