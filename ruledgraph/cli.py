@@ -252,6 +252,12 @@ def simulate(
 @click.option("--set", "settings", multiple=True, metavar="SECTION.KEY=VALUE", help="One setting.")
 @click.option("--plots", is_flag=True, help="Draw pictures of the results.")
 @click.option(
+    "--rerun",
+    type=click.Path(path_type=Path),
+    metavar="RRD",
+    help="Write a file for the Rerun viewer; needs rerun-sdk.",
+)
+@click.option(
     "--solver",
     type=click.Choice(["graph", "paper"]),
     default="graph",

@@ -18,6 +18,7 @@ from ruledgraph.errors import RuledgraphError
 from ruledgraph.evaluation import EvaluationError, alignment, matched
 from ruledgraph.ground_truth import GroundTruth
 from ruledgraph.measurements import Frame
+from ruledgraph.overlay import FrameQueue, line_color
 from ruledgraph.pipeline import Odometry
 from ruledgraph.sensors import CameraModel, FloatArray
 from ruledgraph.trajectory import Trajectory, read_tum
@@ -41,11 +42,14 @@ class Sketches:
         self._last_overlay = 0
         self._surfaces: dict[int, list[tuple[float, FloatArray]]] = defaultdict(list)
         self._first: int | None = None
+        self._frames = FrameQueue()
 
     def watch(self, odometry: Odometry, frame: Frame) -> None:
-        """See the state after a frame."""
-        if odometry.window is None:
+        """See the state when a frame has been added."""
+        processed = self._frames.take(odometry, frame)
+        if odometry.window is None or not processed:
             return
+        frame = processed[-1]
         self._first = frame.stamp if self._first is None else self._first
         tracks = [t for t in odometry.tracker.tracks if t.number in odometry.window.lines]
         if (frame.stamp - self._first) * 1e-9 <= _SURFACE_LENGTH:
@@ -66,8 +70,7 @@ class Sketches:
         image = cv2.cvtColor(frame.image, cv2.COLOR_GRAY2BGR)
         for track in odometry.tracker.tracks:
             known = odometry.window is not None and track.number in odometry.window.lines
-            red, green, blue, _ = _COLORS(track.number % 20)
-            color = (255 * blue, 255 * green, 255 * red) if known else (160, 160, 160)
+            color = line_color(track.number)[::-1] if known else (160, 160, 160)
             along = np.linspace(0.0, 1.0, 20)[:, None]
             curve = self._camera.distort(
                 track.ends[0] + along * (track.ends[1] - track.ends[0])
