@@ -4,8 +4,8 @@
 
 - `world/body`: the live pose, and in it `camera/image` with `lines`, the rulings, and `points`;
 - `world/live` and `world/smoothed`: the trajectories, a piece from each pose to the next;
-- `world/window`: the lines in the window at each knot;
-- `world/lines`: lines as they left the window, with `ends`; the same of badly known ones in
+- `world/window`: the lines in the window at each knot, without badly known ones;
+- `world/lines`: lines as they left the window, with `ends`; the badly known ones in
   `world/uncertain`, which the 3D view leaves out;
 - `states`: velocity, biases, deviation of the position and number of lines at each knot;
 - `messages`: warnings, recoveries and changes of the status.
@@ -104,8 +104,7 @@ class RerunLog:
             self._path_piece("world/smoothed", estimate.world_T_body.translation(), _SMOOTHED)
         for line in lines:
             self._at(line.last_stamp)
-            sigma = max(float(np.sqrt(np.trace(c))) for c in line.covariance)
-            where = "world/lines" if sigma < _UNCERTAIN else "world/uncertain"
+            where = "world/lines" if _sigma(line) < _UNCERTAIN else "world/uncertain"
             color = line_color(line.number)
             self._log(where, rr.LineStrips3D([line.ends], colors=[color]))
             self._log(f"{where}/ends", rr.Points3D(line.ends, colors=[color], radii=0.005))
@@ -129,7 +128,7 @@ class RerunLog:
         if window is not None and window.newest.time != self._knot:
             self._knot = window.newest.time
             known = [line.estimate() for line in window.lines.values()]
-            drawn = [line for line in known if line is not None]
+            drawn = [x for x in known if x is not None and _sigma(x) < _UNCERTAIN]
             ends, colors = [line.ends for line in drawn], [line_color(x.number) for x in drawn]
             self._log("world/window", rr.LineStrips3D(ends, colors=colors))
 
@@ -236,6 +235,11 @@ def _transform(rr: Any, pose: Any) -> Any:
     return rr.Transform3D(translation=pose.translation(), mat3x3=pose.rotation().matrix())
 
 
+def _sigma(line: LineEstimate) -> float:
+    """Deviation of the worse end, m."""
+    return max(float(np.sqrt(np.trace(covariance))) for covariance in line.covariance)
+
+
 def _ends(track: Track, points: FloatArray, stamp: int) -> FloatArray:
     """Of the ruling in a frame: the track's own in the last one, else the outermost points."""
     last = track.sightings[-1].stamp == stamp and track.misses == 0
@@ -277,6 +281,6 @@ def _layout() -> Any:
             ),
             column_shares=[3, 2],
         ),
-        rrb.TimePanel(timeline="time"),
+        rrb.TimePanel(timeline="time", state="collapsed"),
         collapse_panels=True,
     )
