@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A run for the Rerun viewer, written to a file as it goes: nothing of it is kept in memory.
 
-- `world/body`: the live pose, and in it `camera/image` with `lines`, the rulings, and `points`;
+- `world/body`: the live pose, and in it `camera/image` with `lines`, the rulings, and `points`,
+  yellow until the line is in the graph;
 - `world/live` and `world/smoothed`: the trajectories, a piece from each pose to the next;
 - `world/window`: the lines in the window at each knot, without badly known ones;
 - `world/lines`: lines as they left the window, with `ends`; the badly known ones in
@@ -34,7 +35,8 @@ from ruledgraph.tracks import Track
 _Stream: TypeAlias = Any
 
 _QUALITY = 85
-_GREY = (160, 160, 160)
+# Of lines that are followed but not in the graph yet; no line of the graph has it.
+_YELLOW = (255, 225, 40)
 # A line whose worse end is known worse than this is uncertain, m.
 _UNCERTAIN = 0.2
 _AXES = ("x", "y", "z")
@@ -150,7 +152,7 @@ class RerunLog:
             ends = _ends(track, seen.points, frame.stamp)
             curves.append(distort(ends[0] + along * (ends[1] - ends[0])).pixels)
             points.append(distort(seen.points).pixels)
-            colors.append(line_color(track.number) if track.number in in_graph else _GREY)
+            colors.append(line_color(track.number) if track.number in in_graph else _YELLOW)
         # Pixel (0, 0) has its centre at (0.5, 0.5) in Rerun.
         self._log(
             "world/body/camera/image/lines",
