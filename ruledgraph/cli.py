@@ -6,15 +6,12 @@ Whatever is slow to import is imported where it is used, so that `--help` comes 
 """
 
 import json
-import platform
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
-from ruledgraph import __version__
 from ruledgraph.errors import RuledgraphError
 
 
@@ -31,16 +28,13 @@ class _Group(click.Group):
 
 def _print_version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
     if wanted:
-        from ruledgraph_factors import FactorError, active_kernel
+        from ruledgraph.versions import version_text
+        from ruledgraph_factors import FactorError
 
         try:
-            kernel = active_kernel()
+            click.echo(version_text())
         except FactorError as error:
             raise click.UsageError(str(error)) from None
-        click.echo(
-            f"ruledgraph {__version__} ({kernel} kernel, gtsam {version('gtsam')}, "
-            f"numpy {version('numpy')}, Python {platform.python_version()})"
-        )
         context.exit()
 
 
@@ -258,6 +252,12 @@ def simulate(
 @click.option("--set", "settings", multiple=True, metavar="SECTION.KEY=VALUE", help="One setting.")
 @click.option("--plots", is_flag=True, help="Draw pictures of the results.")
 @click.option(
+    "--rerun",
+    type=click.Path(path_type=Path),
+    metavar="RRD",
+    help="Write a file for the Rerun viewer; needs rerun-sdk.",
+)
+@click.option(
     "--solver",
     type=click.Choice(["graph", "paper"]),
     default="graph",
@@ -343,3 +343,39 @@ def evaluate(estimate: str, reference: str, **options: Any) -> None:
     from ruledgraph.evaluate_command import evaluate_command
 
     evaluate_command(estimate, reference, **options)
+
+
+@main.command()
+@click.argument(
+    "runs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN [RUN ...]"
+)
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="HTML",
+    default=Path("report.html"),
+    show_default=True,
+    help="The page; must not exist.",
+)
+@click.option(
+    "--ground-truth",
+    metavar="FILE|BAG:/TOPIC",
+    help="Evaluate all runs against this; by default the page has the errors each run noted.",
+)
+def report(runs: tuple[Path, ...], output: Path, ground_truth: str | None) -> None:
+    """Put results folders on one HTML page.
+
+    RUN is a results folder of `ruledgraph smooth`. The page holds errors, timings, pictures,
+    settings and warnings, of several runs also a table of comparison. It is one file that needs no
+    other, and prints.
+
+    \b
+    Examples:
+      ruledgraph report results/run1
+      ruledgraph report results/run1 results/run2 --ground-truth flight.gt.tum --output both.html
+    """
+    from ruledgraph.evaluation.sources import read_poses
+    from ruledgraph.report import write_report
+
+    write_report(runs, output, read_poses(ground_truth) if ground_truth else None)
+    click.echo(str(output))

@@ -4,6 +4,7 @@
 
 import csv
 from collections import defaultdict
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ruledgraph.errors import RuledgraphError
 from ruledgraph.evaluation import EvaluationError, alignment, matched
 from ruledgraph.ground_truth import GroundTruth
 from ruledgraph.measurements import Frame
+from ruledgraph.overlay import FrameQueue, line_color
 from ruledgraph.pipeline import Odometry
 from ruledgraph.sensors import CameraModel, FloatArray
 from ruledgraph.trajectory import Trajectory, read_tum
@@ -39,11 +42,14 @@ class Sketches:
         self._last_overlay = 0
         self._surfaces: dict[int, list[tuple[float, FloatArray]]] = defaultdict(list)
         self._first: int | None = None
+        self._frames = FrameQueue()
 
     def watch(self, odometry: Odometry, frame: Frame) -> None:
-        """See the state after a frame."""
-        if odometry.window is None:
+        """See the state when a frame has been added."""
+        processed = self._frames.take(odometry, frame)
+        if odometry.window is None or not processed:
             return
+        frame = processed[-1]
         self._first = frame.stamp if self._first is None else self._first
         tracks = [t for t in odometry.tracker.tracks if t.number in odometry.window.lines]
         if (frame.stamp - self._first) * 1e-9 <= _SURFACE_LENGTH:
@@ -64,8 +70,7 @@ class Sketches:
         image = cv2.cvtColor(frame.image, cv2.COLOR_GRAY2BGR)
         for track in odometry.tracker.tracks:
             known = odometry.window is not None and track.number in odometry.window.lines
-            red, green, blue, _ = _COLORS(track.number % 20)
-            color = (255 * blue, 255 * green, 255 * red) if known else (160, 160, 160)
+            color = line_color(track.number)[::-1] if known else (160, 160, 160)
             along = np.linspace(0.0, 1.0, 20)[:, None]
             curve = self._camera.distort(
                 track.ends[0] + along * (track.ends[1] - track.ends[0])
@@ -86,17 +91,63 @@ class Sketches:
         if self._surfaces:
             _ruled_surfaces(self._surfaces).savefig(folder / "ruled_surfaces.png", dpi=120)
         try:
-            trajectory = read_tum(output / "trajectory.tum")
-            live = read_tum(output / "trajectory_live.tum")
-        except Exception:  # noqa: BLE001 - without poses there is nothing to draw
+            figures = result_figures(output, truth)
+        except RuledgraphError:  # without poses there is nothing to draw
             return
-        with (output / "lines.csv").open(encoding="ascii") as file:
-            lines = list(csv.DictReader(file))
-        with (output / "states.csv").open(encoding="ascii") as file:
-            states = list(csv.DictReader(file))
-        _three_views(trajectory, lines, truth).savefig(folder / "trajectory.png", dpi=120)
-        _states(states, live, truth).savefig(folder / "states.png", dpi=120)
-        _directrices(trajectory, lines).savefig(folder / "directrices.png", dpi=120)
+        for name, figure in figures.items():
+            figure.savefig(folder / f"{name}.png", dpi=120)
+
+
+def result_figures(output: Path, truth: GroundTruth | None) -> dict[str, Figure]:
+    """What the files of a run show, without its recording: name -> figure.
+
+    Raises:
+        RuledgraphError: when there are no poses, or a table cannot be read.
+    """
+    trajectory = read_tum(output / "trajectory.tum")
+    live = read_tum(output / "trajectory_live.tum")
+    lines, states = _table(output / "lines.csv"), _table(output / "states.csv")
+    try:
+        return {
+            "trajectory": _three_views(trajectory, lines, truth),
+            "states": _states(states, live, truth),
+            "directrices": _directrices(trajectory, lines),
+        }
+    except (KeyError, TypeError, ValueError) as error:
+        raise RuledgraphError(f"{output}: its tables are not those of a run: {error}") from None
+
+
+def _table(path: Path) -> list[dict[str, str]]:
+    try:
+        with path.open(encoding="ascii", newline="") as file:
+            return list(csv.DictReader(file))
+    except (OSError, ValueError, csv.Error) as error:
+        raise RuledgraphError(f"{path}: cannot be read: {error}") from None
+
+
+def error_figure(estimates: Mapping[str, Trajectory], truth: GroundTruth) -> Figure | None:
+    """Distance from the truth over time, each estimate aligned; None when none overlaps it."""
+    figure = Figure(figsize=(13, 4), layout="constrained")
+    axes = figure.add_subplot()
+    first = min((int(trajectory.stamps[0]) for trajectory in estimates.values()), default=0)
+    for i, (name, trajectory) in enumerate(estimates.items()):
+        try:
+            kept, known = matched(trajectory, truth)
+        except EvaluationError:
+            continue
+        A = alignment(kept.positions, known.positions)
+        error = kept.positions @ A[:3, :3].T + A[:3, 3] - known.positions
+        seconds = (kept.stamps - first) * 1e-9
+        axes.plot(
+            seconds, 1e3 * np.linalg.norm(error, axis=1), color=_COLORS(2 * i % 20), label=name
+        )
+    if not axes.lines:
+        return None
+    axes.set(xlabel="s", ylabel="mm", title="position error, SE(3)-aligned")
+    axes.set_ylim(bottom=0.0)
+    axes.grid(alpha=0.3)
+    axes.legend(loc="upper right")
+    return figure
 
 
 def _ends(lines: list[dict[str, str]]) -> FloatArray:
@@ -131,6 +182,7 @@ def _three_views(
     centre = trajectory.positions.mean(axis=0)
     near = np.linalg.norm(ends - centre, axis=2).max(axis=1) < _FURTHEST
     shown = ends[near & (_sigmas(lines) < _LINE_SIGMA)]
+    radius = _radius(trajectory.positions - centre, shown.reshape(-1, 3) - centre)
     for i, (a, b, name) in enumerate(((0, 1, "top"), (0, 2, "side"), (1, 2, "front"))):
         axes = figure.add_subplot(1, 3, i + 1)
         for pair in shown:
@@ -141,10 +193,21 @@ def _three_views(
         axes.plot(path[:, a], path[:, b], color="tab:blue", label="smoothed")
         axes.plot(*path[0, [a, b]], "o", color="tab:green", label="start")
         axes.set(xlabel=f"{'xyz'[a]} (m)", ylabel=f"{'xyz'[b]} (m)", title=f"from the {name}")
-        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlim(centre[a] - radius, centre[a] + radius)
+        axes.set_ylim(centre[b] - radius, centre[b] + radius)
+        axes.set_aspect("equal", adjustable="box")
         axes.grid(alpha=0.3)
     axes.legend(loc="upper right")
     return figure
+
+
+def _radius(path: FloatArray, ends: FloatArray) -> float:
+    """Half the width of a view with all of the path and most of the lines, not so many that the
+    path gets too small to be seen.
+    """
+    reach = float(np.abs(path).max())
+    most = float(np.quantile(np.linalg.norm(ends, axis=1), 0.8)) if len(ends) else 0.0
+    return max(1.15 * reach, min(1.1 * most, 5.0 * reach), 0.05)
 
 
 def _states(states: list[dict[str, str]], live: Trajectory, truth: GroundTruth | None) -> Figure:

@@ -4,10 +4,10 @@
 
 import time as clock
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -15,15 +15,21 @@ from ruledgraph.config import Config
 from ruledgraph.errors import RuledgraphError
 from ruledgraph.evaluation import accuracy
 from ruledgraph.ground_truth import GroundTruth
+from ruledgraph.lines import LineEstimate
 from ruledgraph.measurements import Frame, Measurement
 from ruledgraph.paper_solver import PaperOdometry
-from ruledgraph.pipeline import Odometry
+from ruledgraph.pipeline import Estimate, Odometry
 from ruledgraph.results import Results
 from ruledgraph.sensors import Calibration
 from ruledgraph.trajectory import read_tum
+from ruledgraph.versions import machine_text, version_text
 
 Solver = Literal["graph", "paper"]
 """The factor graph, or the paper's own as a baseline."""
+Record: TypeAlias = Callable[[Sequence[Estimate], Sequence[Estimate], Sequence[LineEstimate]], None]
+"""Takes live estimates, smoothed ones and lines."""
+Watch: TypeAlias = Callable[[Odometry, Frame], None]
+"""Sees the odometry when it has been given a frame."""
 
 # Warnings listed in the summary; the rest are counted.
 _MOST_WARNINGS = 50
@@ -63,8 +69,10 @@ def run(
     *,
     solver: Solver = "graph",
     ground_truth: GroundTruth | None = None,
+    inputs: Mapping[str, str] | None = None,
     warnings: Callable[[], list[str]] = list,
-    watch: Callable[[Odometry, Frame], None] | None = None,
+    record: Record | None = None,
+    watch: Watch | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> dict[str, Any]:
     """Smooth a recording and write its results; what was computed stays, however it ends.
@@ -76,8 +84,11 @@ def run(
         output: folder for the results, see `Results`.
         solver: the paper's has no use for `config`, and no covariances.
         ground_truth: to compare with at the end.
+        inputs: what the recording, calibration and so on were, for the summary.
         warnings: asked at the end for what the recording's reader has to say.
-        watch: sees the factor graph's odometry after each frame.
+        record: is handed what is written, as it comes.
+        watch: sees the factor graph's odometry when it has been given a frame; what it has
+            processed may be the frame before, see `FrameQueue`.
         on_progress: called after each frame.
 
     Returns:
@@ -91,11 +102,12 @@ def run(
     ended = "complete"
     started = clock.perf_counter()
     with Results(output, config) as results:
+        writers = [results.write, *([record] if record is not None else [])]
         try:
             for measurement in measurements:
                 odometry.add(measurement)
                 if isinstance(measurement, Frame):
-                    _hand_over(odometry, results, tally, measurement)
+                    _hand_over(odometry, writers, tally, measurement)
                     if watch is not None and isinstance(odometry, Odometry):
                         watch(odometry, measurement)
                     if on_progress is not None:
@@ -107,10 +119,16 @@ def run(
             raise
         finally:
             odometry.finish()
-            _hand_over(odometry, results, tally, None)
+            _hand_over(odometry, writers, tally, None)
             elapsed = clock.perf_counter() - started
             lines = [*warnings(), *odometry.warnings]
-            summary = _summary(odometry, tally, elapsed, lines, ended)
+            about = {
+                "versions": version_text(),
+                "machine": machine_text(),
+                "solver": solver,
+                "inputs": dict(inputs or {}),
+            }
+            summary = about | _summary(odometry, tally, elapsed, lines, ended)
             if ground_truth is not None and tally.estimates:
                 summary["accuracy"] = _accuracy(output, ground_truth)
             results.summarize(summary)
@@ -118,10 +136,14 @@ def run(
 
 
 def _hand_over(
-    odometry: Odometry | PaperOdometry, results: Results, tally: _Tally, frame: Frame | None
+    odometry: Odometry | PaperOdometry,
+    writers: Sequence[Record],
+    tally: _Tally,
+    frame: Frame | None,
 ) -> None:
-    live, lines = odometry.take_live(), odometry.take_lines()
-    results.write(live, odometry.take_smoothed(), lines)
+    live, smoothed, lines = odometry.take_live(), odometry.take_smoothed(), odometry.take_lines()
+    for write in writers:
+        write(live, smoothed, lines)
     if frame is not None:
         tally.frames += 1
         tally.first_stamp = frame.stamp if tally.first_stamp is None else tally.first_stamp

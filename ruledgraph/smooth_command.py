@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """`ruledgraph smooth`: finds what it needs, runs it, and says what came of it."""
 
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -23,9 +24,11 @@ from rich.progress import (
 from ruledgraph.calibration import TYPICAL_IMU_NOISE, CalibrationError, read_calibration
 from ruledgraph.config import load_config
 from ruledgraph.ground_truth import read_ground_truth
+from ruledgraph.measurements import Frame
+from ruledgraph.pipeline import Odometry
 from ruledgraph.recording import Recording, open_recording
 from ruledgraph.runner import Progress as RunProgress
-from ruledgraph.runner import Solver, run
+from ruledgraph.runner import Solver, Watch, run
 from ruledgraph.sensors import Calibration
 
 _FEW_WARNINGS = 5
@@ -42,14 +45,15 @@ def smooth_command(
     config_file: Path | None,
     settings: Sequence[str],
     plots: bool,
+    rerun: Path | None,
     solver: Solver,
     verbose: bool,
     **choice: Any,
 ) -> None:
     """See `ruledgraph smooth --help`."""
     if solver == "paper":
-        unused = "--plots" if plots else "--config and --set" if config_file or settings else None
-        if unused:
+        given = {"--plots": plots, "--rerun": rerun, "--config and --set": config_file or settings}
+        if unused := next((option for option, value in given.items() if value), None):
             raise click.UsageError(f"{unused}: the paper's solver has none; leave it out")
     config = load_config(config_file, settings)
     source = open_recording(recording, **choice)
@@ -65,7 +69,13 @@ def smooth_command(
         sketches = Sketches(calibration.camera)
     cropped = choice["start"] is not None or choice["duration"] is not None
     frames = None if cropped else _frame_count(source)
-    with _progress_bar(frames) as show:
+    log = None
+    if rerun is not None:
+        from ruledgraph.rerun_log import RerunLog
+
+        log = RerunLog(rerun, calibration)
+    watchers = [watcher.watch for watcher in (sketches, log) if watcher is not None]
+    with _progress_bar(frames) as show, log or nullcontext():
         summary = run(
             source.stream(),
             calibration,
@@ -73,13 +83,40 @@ def smooth_command(
             output,
             solver=solver,
             ground_truth=truth,
+            inputs=_inputs(recording, calibration_files, ground_truth, choice),
             warnings=lambda: source.report.warnings,
-            watch=sketches.watch if sketches else None,
+            record=log.write if log else None,
+            watch=_each(watchers) if watchers else None,
             on_progress=show,
         )
     if sketches is not None:
         sketches.draw(output, truth)
     _tell(summary, output, verbose)
+    if rerun is not None and rerun.exists():
+        click.echo(f"for the Rerun viewer: {rerun}")
+    if plots:
+        click.echo(f"on one page: ruledgraph report {shlex.quote(str(output))}")
+
+
+def _each(watchers: Sequence[Watch]) -> Watch:
+    def watch(odometry: Odometry, frame: Frame) -> None:
+        for watcher in watchers:
+            watcher(odometry, frame)
+
+    return watch
+
+
+def _inputs(
+    recording: Path, files: Sequence[Path], ground_truth: str | None, choice: dict[str, Any]
+) -> dict[str, str]:
+    """What was asked for, as it was written."""
+    named = {
+        "recording": str(recording),
+        "calibration": ", ".join(map(str, files)),
+        "ground truth": ground_truth,
+        **{name.replace("_", " "): value for name, value in choice.items()},
+    }
+    return {name: str(value) for name, value in named.items() if value not in (None, "")}
 
 
 def _calibration(

@@ -43,6 +43,10 @@ ABLATION = {
     "Hough": ("edges.detector=hough",),
     "IMU only": ("edges.max_lines=2", "edges.min_length=9999"),
 }
+REAL_SLICE = Path("euroc_MH_01_30s", "MH_01_30s")
+"""The real recording in the folder of data, without the suffix of its files."""
+REAL_MOVING = 16.0
+"""It moves so long, s, and then stands still."""
 # A line counts as matched to a true one when it runs along it this closely (m, cosine), and as
 # observable when its ends' deviation is below this, m.
 _LINE_MATCH, _LINE_PARALLEL, _LINE_OBSERVABLE = 0.3, 0.999, 0.05
@@ -67,9 +71,9 @@ class Case:
 def cases(data: Path | None, seeds: int) -> Iterator[Case]:
     """All cases; the real ones where there is `data`."""
     if data is not None:
-        bag = data / "euroc_MH_01_30s" / "MH_01_30s"
+        bag = data / REAL_SLICE
         yield Case("real/MH_01, 30 s", {"bag": str(bag)})
-        yield Case("real/MH_01, moving 16 s", {"bag": str(bag), "duration": 16.0})
+        yield Case("real/MH_01, moving 16 s", {"bag": str(bag), "duration": REAL_MOVING})
         for scene, flight, start in (
             ("room", "V1_01_easy", 0.0),
             ("hall", "MH_04_difficult", 15.0),
@@ -104,7 +108,9 @@ def run(case: Case) -> dict[str, Any]:
     """Run a case; a row of figures."""
     simulation = None
     if "bag" in case.options:
-        stream, calibration, truth = _real(case)
+        stream, calibration, truth = real_recording(
+            case.options["bag"], case.options.get("duration")
+        )
     else:
         simulation = simulation_from_options(**case.options, seed=case.seed)
         stream, calibration = simulation.stream(), simulation.calibration
@@ -143,12 +149,14 @@ def run(case: Case) -> dict[str, Any]:
     return row
 
 
-def _real(case: Case) -> tuple[Iterator[Measurement], Calibration, GroundTruth]:
+def real_recording(
+    bag: str, duration: float | None = None
+) -> tuple[Iterator[Measurement], Calibration, GroundTruth]:
+    """Measurements, calibration and truth of `bag`.bag, beside which lie the other two."""
     from ruledgraph.calibration import read_calibration
     from ruledgraph.recording import open_recording
 
-    bag = case.options["bag"]
-    recording = open_recording(Path(f"{bag}.bag"), duration=case.options.get("duration"))
+    recording = open_recording(Path(f"{bag}.bag"), duration=duration)
     calibration = read_calibration(Path(f"{bag}.calib.yaml"))
     return recording.stream(), calibration, read_ground_truth(f"{bag}.gt.tum")
 

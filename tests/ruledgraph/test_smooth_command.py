@@ -58,6 +58,7 @@ def test_it_says_what_came_of_it(results):
     assert "mm RMSE" in result.output
     assert "smoother: " in result.output
     assert f"results: {output}" in result.output
+    assert result.output.endswith(f"on one page: ruledgraph report {output}\n")
 
 
 def test_all_files_are_there_and_evo_reads_the_trajectories(results):
@@ -85,6 +86,11 @@ def test_the_summary_has_the_figures(results):
     output, _ = results
     summary = json.loads((output / "summary.json").read_text())
     assert summary["ended"] == "complete"
+    assert Path(summary["inputs"]["recording"]).name == "small.bag"
+    assert Path(summary["inputs"]["ground truth"]).name == "truth.tum"
+    assert "start" not in summary["inputs"]
+    assert summary["versions"].startswith("ruledgraph ")
+    assert summary["machine"].endswith(" cores")
     assert summary["frames"] == len(frames(small_stream()[0]))
     assert summary["accuracy"]["trajectory"]["ate_rmse"] < 0.02
     assert summary["accuracy"]["trajectory_live"]["ate_rmse"] < 0.02
