@@ -57,7 +57,7 @@ class WindowConfig:
     """Cauchy constant, as an offset of the whole line in px; 0 for a quadratic loss."""
     follow_first: float = 0.15
     """How long a line is followed before it enters the graph, s."""
-    updates: int = 2
+    updates: int = 1
     """Further iSAM2 updates after that of a new knot."""
 
     def __post_init__(self) -> None:

@@ -12,12 +12,11 @@ from gtsam import noiseModel
 from ruledgraph.config import Config
 from ruledgraph.inertial import ImuBuffer
 from ruledgraph.sensors import Calibration, FloatArray
-from ruledgraph.tracks import Track
+from ruledgraph.tracks import Sighting, Track, compressed_points
 from ruledgraph.window import Start
 from ruledgraph_factors import (
     NEW_LINE_SIGMAS,
     STANDARD_GRAVITY,
-    CompressedPoints,
     FactorError,
     LineChart,
     line_from_ruling,
@@ -122,11 +121,11 @@ def start_in_motion(
     step = max(1, -(-len(stamps) // _MOST_FRAMES))
     used = list(range(0, len(stamps), step))
     wanted = {stamps[i]: n for n, i in enumerate(used)}
-    seen: list[tuple[Track, list[int], list[FloatArray]]] = []
+    seen: list[tuple[Track, list[int], list[Sighting]]] = []
     for track in tracks:
         hits = [s for s in track.sightings if s.stamp in wanted]
         if len(hits) >= 0.5 * len(used):
-            seen.append((track, [wanted[s.stamp] for s in hits], [s.points for s in hits]))
+            seen.append((track, [wanted[s.stamp] for s in hits], hits))
     if len(seen) < _FEWEST_LINES:
         return Refusal(f"{len(seen)} lines were followed long enough, {_FEWEST_LINES} are needed")
     best: _Batch | None = None
@@ -150,7 +149,7 @@ class _Batch:
         self,
         imu: ImuBuffer,
         times: list[float],
-        seen: Sequence[tuple[Track, list[int], list[FloatArray]]],
+        seen: Sequence[tuple[Track, list[int], list[Sighting]]],
         calibration: Calibration,
         config: Config,
         distance: float,
@@ -171,11 +170,11 @@ class _Batch:
         self.values.insert(2, bias)
         poses = motion.poses(gtsam.NavState(self._attitude, np.zeros(3), np.zeros(3)), bias)
         self._charts: list[LineChart] = []
-        for i, (_, index, points) in enumerate(seen):
+        for i, (_, index, sightings) in enumerate(seen):
             anchor = gtsam.Pose3(poses[index[0]].rotation(), np.zeros(3))
-            self._charts.append(
-                line_from_ruling(anchor.compose(calibration.body_T_cam), points[0], 1.0 / distance)
-            )
+            world_T_cam = anchor.compose(calibration.body_T_cam)
+            chart = line_from_ruling(world_T_cam, sightings[0].points, 1.0 / distance)
+            self._charts.append(chart)
             self.values.insert(3 + i, np.zeros(4))
         self.error = np.inf
         self.graph = gtsam.NonlinearFactorGraph()
@@ -209,14 +208,12 @@ class _Batch:
         )
         self._line_factors: list[tuple[int, gtsam.NoiseModelFactor, float]] = []
         wide = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
-        for i, (_, index, points) in enumerate(self._seen):
+        for i, (_, index, sightings) in enumerate(self._seen):
             graph.addPriorVector(3 + i, np.zeros(4), wide)
             for first in range(0, len(index), _CHUNK):
                 part = slice(first, first + _CHUNK)
-                compressed = CompressedPoints.from_frames(
-                    points[part], effective_points=self._config.edges.effective_points
-                )
-                weight = float(np.sum(compressed.statistics[:, :, 2] ** 2))
+                compressed = compressed_points(sightings[part])
+                weight = compressed.weight
                 size = robust / _DEVIATION
                 noise = noiseModel.Robust.Create(
                     noiseModel.mEstimator.Cauchy.Create(size * np.sqrt(weight)),

@@ -42,14 +42,14 @@ class GraphLine:
     track: Track
     chart: LineChart
     delta: FloatArray
-    linearized: FloatArray
-    """The delta at which the smoother holds its factors linearised."""
     covariance: FloatArray
     """Marginal, of `delta`, (4, 4), as of `covariance_time`."""
     first_stamp: int
     last_stamp: int
     last_time: float
     """Of the last knot whose interval saw it, s."""
+    linearized: FloatArray = field(default_factory=lambda: np.zeros(4))
+    """The delta at which the smoother holds its factors linearised."""
     fixed: bool = False
     """Whether the smoother has stopped to linearise it anew."""
     points: int = 0

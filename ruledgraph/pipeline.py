@@ -201,6 +201,7 @@ class Odometry:
         if seen.time - self._last_detection >= _DETECT_INTERVAL - _EARLY:
             self._last_detection = seen.time
             with self._timed("detection"):
+                self.tracker.drop_twins()
                 self.tracker.start_new(seen.stamp, seen.time, frame.image, gradient)
         self._forget(seen.time)
 
@@ -209,12 +210,14 @@ class Odometry:
         if not self._frames:
             return 0
         before = self._frames[-1]
-        cam_R_before = self._turn(before.time, seen.time)
         world_T_before = self._state.pose().compose(self.calibration.body_T_cam)
         world_T_cam = world_T_before
-        if self.window is not None:
+        if self.window is None:
+            cam_R_before = self._turn(before.time, seen.time)
+        else:
             self._predict(self.window, seen.time)
             world_T_cam = self._state.pose().compose(self.calibration.body_T_cam)
+            cam_R_before = world_T_cam.between(world_T_before).rotation().matrix()
         focal = self.calibration.camera.focal_length
         tracks = self.tracker.tracks
         rulings = by_rotation(tracks, cam_R_before, seen.time - before.time, focal)
@@ -229,11 +232,10 @@ class Odometry:
         return sum(found[i] is not None for i in at)
 
     def _turn(self, start: float, stop: float) -> FloatArray:
-        """cam_R_before between two frames, from the gyroscope."""
-        bias = self.window.newest.bias.gyroscope() if self.window else np.zeros(3)
+        """cam_R_before between two frames, from the gyroscope alone."""
         turn = gtsam.Rot3()
         for segment in self._imu.between(start, stop).segments(start, stop):
-            turn = turn.compose(gtsam.Rot3.Expmap((segment.gyroscope - bias) * segment.dt))
+            turn = turn.compose(gtsam.Rot3.Expmap(segment.gyroscope * segment.dt))
         body_R_cam = self.calibration.body_T_cam.rotation().matrix()
         return np.asarray(body_R_cam.T @ turn.matrix().T @ body_R_cam)
 

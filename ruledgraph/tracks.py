@@ -21,6 +21,7 @@ from ruledgraph.edges.gradient import Gradient
 from ruledgraph.edges.search import EdgePoints, Ruling, normal_of, search, search_all
 from ruledgraph.edges.sobel import search_sobel, sobel_points
 from ruledgraph.sensors import CameraModel, FloatArray
+from ruledgraph_factors import CompressedPoints
 
 # Deviation of a prediction across the ruling, px: of a fresh track, at least, at most.
 _FRESH_SIGMA, _LEAST_SIGMA, _MOST_SIGMA = 4.0, 1.2, 6.0
@@ -42,10 +43,18 @@ _FEWEST_MOVING = 3
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """The edge points (N, 2), normalised, of a line in one frame."""
+    """A line's edge in one frame."""
 
     stamp: int
     points: FloatArray
+    """Normalised, (N, 2)."""
+    statistics: FloatArray
+    """What counts of them, (3, 3), see `CompressedPoints`."""
+
+
+def compressed_points(sightings: Sequence[Sighting]) -> CompressedPoints:
+    """The points of several frames, for a factor."""
+    return CompressedPoints(np.array([sighting.statistics for sighting in sightings]))
 
 
 @dataclass(eq=False)
@@ -114,17 +123,26 @@ class Tracker:
         found: list[EdgePoints | None] = []
         for track, part, seen in zip(self.tracks, ends, visible, strict=True):
             if seen:
-                found.append(self._update(stamp, time, track, part, next(searched)))
+                found.append(self._update(time, track, part, next(searched)))
             else:
                 track.give_up()
                 found.append(None)
-        self._give_up_short(
-            [t for t, points in zip(self.tracks, found, strict=True) if points is not None]
-        )
+        seen = [(t, edge) for t, edge in zip(self.tracks, found, strict=True) if edge is not None]
+        self._sight(stamp, seen)
+        self._give_up_short([track for track, _ in seen])
         return found
 
+    def _sight(self, stamp: int, seen: Sequence[tuple[Track, EdgePoints]]) -> None:
+        if not seen:
+            return
+        most = self._config.effective_points
+        points = [edge.points for _, edge in seen]
+        compressed = CompressedPoints.from_frames(points, effective_points=most)
+        for (track, edge), statistics in zip(seen, compressed.statistics, strict=True):
+            track.sightings.append(Sighting(stamp, edge.points, statistics))
+
     def _update(
-        self, stamp: int, time: float, track: Track, ends: FloatArray, found: EdgePoints | None
+        self, time: float, track: Track, ends: FloatArray, found: EdgePoints | None
     ) -> EdgePoints | None:
         """Take in what the search between `ends` found; None if it is not good enough."""
         if found is None or found.ambiguous or found.deviation > self._straight:
@@ -143,7 +161,6 @@ class Tracker:
         track.slope = 0.8 * track.slope + 0.2 * found.slope
         track.misses = 0
         track.last_seen = time
-        track.sightings.append(Sighting(stamp, found.points))
         return found
 
     def _give_up_short(self, tracks: Sequence[Track]) -> None:
@@ -153,20 +170,20 @@ class Tracker:
             if length < _SHORTEST:
                 track.give_up()
 
-    def drop_lost(self) -> list[Track]:
-        """Forget the tracks that are lost, and the younger of twins; returns them."""
-        gone = [track for track in self.tracks if track.lost]
-        alive = sorted((t for t in self.tracks if not t.lost), key=lambda t: t.born)
-        ends, slopes = _segments(alive)
-        twins = self._twins(ends, slopes, alive)
+    def drop_lost(self) -> None:
+        """Forget the tracks that are lost."""
+        self.tracks = [track for track in self.tracks if not track.lost]
+
+    def drop_twins(self) -> None:
+        """Of tracks that have come to follow the same line forget all but the oldest."""
+        tracks = sorted(self.tracks, key=lambda track: track.born)
+        ends, slopes = _segments(tracks)
+        twins = self._twins(ends, slopes, tracks)
         keep: list[int] = []
-        for i, track in enumerate(alive):
-            if twins[i, keep].any():
-                gone.append(track)
-            else:
+        for i in range(len(tracks)):
+            if not twins[i, keep].any():
                 keep.append(i)
-        self.tracks = [alive[i] for i in keep]
-        return gone
+        self.tracks = [tracks[i] for i in keep]
 
     def image_motion(self, since: int) -> float:
         """Median distance that lines moved across themselves since a frame, px; inf if too few
@@ -218,14 +235,10 @@ class Tracker:
         if found is None or found.deviation > self._straight or found.support < 0.6:
             return None
         self._next += 1
-        return Track(
-            number=self._next,
-            born=time,
-            ends=_extent(ends, found),
-            slope=found.slope,
-            sightings=deque([Sighting(stamp, found.points)]),
-            last_seen=time,
-        )
+        ends = _extent(ends, found)
+        track = Track(self._next, born=time, ends=ends, slope=found.slope, last_seen=time)
+        self._sight(stamp, [(track, found)])
+        return track
 
     def _crowding(self, segments: FloatArray) -> FloatArray:
         """1 for a direction and place without tracks, more where there are some already."""

@@ -34,6 +34,13 @@ _GRAVITY = np.array(STANDARD_GRAVITY)
 _PRIOR = np.array([1.0, 1.0, 1e2, 1e2])
 
 
+def factor_state(
+    state: gtsam.NavState, bias: gtsam.imuBias.ConstantBias, delta: FloatArray
+) -> State:
+    """A knot's state and a line, for a factor's `evaluate`."""
+    return State(state.pose().matrix(), state.velocity(), bias.vector(), _GRAVITY, delta)
+
+
 # delta, whether a Jacobian is wanted -> whitened residual, Jacobian by delta
 _Whitened = Callable[[FloatArray, bool], tuple[FloatArray, FloatArray]]
 
@@ -64,18 +71,8 @@ class View:
             gravity=_GRAVITY,
         )
         compute = evaluation(spec)
-        known = (
-            self.state.pose().matrix(),
-            self.state.velocity(),
-            self.bias.vector(),
-            _GRAVITY,
-        )
-        return lambda delta, want_jacobian: compute(State(*known, delta), want_jacobian)
-
-    @property
-    def weight(self) -> float:
-        """Number of points of weight 1 that the points count for."""
-        return float(np.sum(self.points.statistics[:, :, 2] ** 2))
+        here = factor_state(self.state, self.bias, np.zeros(4))
+        return lambda delta, want_jacobian: compute(here._replace(line=delta), want_jacobian)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,12 +85,6 @@ class LineFit:
     inverse_sigma: float
     misfit: float
     """Root mean square distance of the points, normalised units."""
-
-
-def misfit(chart: LineChart, delta: FloatArray, view: View, body_T_cam: gtsam.Pose3) -> float:
-    """Root mean square distance of a view's points from a line, normalised units."""
-    value = view.residual(chart, body_T_cam)(delta, False).value
-    return float(np.linalg.norm(value) / np.sqrt(view.weight))
 
 
 def triangulate(
@@ -141,7 +132,7 @@ def triangulate(
     _, jacobian = whitened(delta, True)
     covariance = np.linalg.inv(jacobian.T @ jacobian)
     inverse, slope = chart.inverse_distance(delta)
-    weight = sum(view.weight for view in views)
+    weight = sum(view.points.weight for view in views)
     try:
         recentred, _ = chart.reanchor(delta, world_T_cam)
     except FactorError:

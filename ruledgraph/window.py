@@ -16,8 +16,8 @@ from ruledgraph.inertial import ImuBuffer
 from ruledgraph.lines import GraphLine
 from ruledgraph.sensors import Calibration, FloatArray
 from ruledgraph.smoother import FixedLagSmoother, SmootherError
-from ruledgraph.tracks import Sighting, Track
-from ruledgraph.triangulate import View, misfit, triangulate
+from ruledgraph.tracks import Sighting, Track, compressed_points
+from ruledgraph.triangulate import View, factor_state, triangulate
 from ruledgraph_factors import (
     CompressedPoints,
     FactorError,
@@ -79,11 +79,11 @@ class Interval:
         """world_T_body of its frames."""
         return self.motion.poses(self.knot.state, self.knot.bias)
 
-    def seen(self, track: Track) -> tuple[list[int], list[FloatArray]]:
-        """In which of its frames a track was seen, and the points there."""
+    def seen(self, track: Track) -> tuple[list[int], list[Sighting]]:
+        """In which of its frames a track was seen, and what there."""
         places = {stamp: i for i, stamp in enumerate(self.stamps)}
-        hits: list[Sighting] = [s for s in track.sightings if s.stamp in places]
-        return [places[s.stamp] for s in hits], [s.points for s in hits]
+        hits = [s for s in track.sightings if s.stamp in places]
+        return [places[s.stamp] for s in hits], hits
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,15 +226,15 @@ class Window:
 
     def _observe(self, interval: Interval, line: GraphLine) -> None:
         """The factor of a line over the frames of an interval that saw it."""
-        index, points = interval.seen(line.track)
+        index, sightings = interval.seen(line.track)
         if not index:
             return
-        compressed = self._compressed(points)
+        compressed = compressed_points(sightings)
         noise: noiseModel.Base = noiseModel.Isotropic.Sigma(compressed.rows, self._deviation)
         if self._config.window.robust > 0.0:
             # The whitened norm of a line that is off by `robust` px in every frame.
             size = self._config.window.robust / self._config.edges.deviation
-            size *= np.sqrt(_weight(compressed))
+            size *= np.sqrt(compressed.weight)
             noise = noiseModel.Robust.Create(noiseModel.mEstimator.Cauchy.Create(size), noise)
         k = interval.knot.index
         motion = interval.motion.select(index)
@@ -243,7 +243,7 @@ class Window:
         )
         interval.line_factors.append((line, factor))
         self._new_factors.add(factor)
-        line.points += sum(len(p) for p in points)
+        line.points += sum(len(sighting.points) for sighting in sightings)
         line.last_stamp = max(line.last_stamp, interval.stamps[index[-1]])
         line.last_time = self.newest.time
         self._new_times[line.key] = self.newest.time
@@ -259,9 +259,10 @@ class Window:
             if sum(len(index) for _, index, _ in seen) < _FEWEST_SIGHTINGS:
                 return
             views = [self._view(*s) for s in seen]
-            first, index, points = seen[0]
+            first, index, sightings = seen[0]
             anchor = first.poses()[index[0]].compose(self._body_T_cam)
-            fit = triangulate(anchor, points[0], views, self._body_T_cam, self._deviation)
+            first_points = sightings[0].points
+            fit = triangulate(anchor, first_points, views, self._body_T_cam, self._deviation)
             if fit is None or fit.misfit * self._focal > _NEW_MISFIT:
                 return
             if fit.inverse < -2.0 * fit.inverse_sigma or fit.inverse > _NEAREST_INVERSE:
@@ -310,12 +311,8 @@ class Window:
         line.key, line.chart, line.delta = key, chart, np.zeros(4)
         line.linearized, line.fixed = line.delta, False
 
-    def _compressed(self, points: list[FloatArray]) -> CompressedPoints:
-        most = self._config.edges.effective_points
-        return CompressedPoints.from_frames(points, effective_points=most)
-
-    def _view(self, interval: Interval, index: list[int], points: list[FloatArray]) -> View:
-        motion, compressed = interval.motion.select(index), self._compressed(points)
+    def _view(self, interval: Interval, index: list[int], sightings: list[Sighting]) -> View:
+        motion, compressed = interval.motion.select(index), compressed_points(sightings)
         return View(motion, compressed, interval.knot.state, interval.knot.bias)
 
     # -- solving ---------------------------------------------------------------------------------
@@ -396,20 +393,24 @@ class Window:
         """Retire lines that do not fit their points or lie behind the camera."""
         interval = self.intervals[-1]
         poses = interval.poses()
-        for number, line in list(self.lines.items()):
-            index, points = interval.seen(line.track)
-            if not index:
-                continue
-            view = self._view(interval, index, points)
-            off = misfit(line.chart, line.delta, view, self._body_T_cam) * self._focal
+        for line, factor in interval.line_factors:
+            if factor.keys()[-1] != line.key or self.lines.get(line.track.number) is not line:
+                continue  # it was just re-anchored, or dropped
+            state = factor_state(interval.knot.state, interval.knot.bias, line.delta)
+            value = factor.evaluate(state, False).value
+            points = factor.spec.points
+            assert isinstance(points, CompressedPoints)  # noqa: S101 - see `_observe`
+            off = float(np.linalg.norm(value)) / np.sqrt(points.weight) * self._focal
             inverse, sigma = line.inverse_distance()
             bad = off > _BAD_MISFIT or inverse < -2.0 * sigma - 0.01
             line.bad_knots = line.bad_knots + 1 if bad else 0
             if line.bad_knots >= _BAD_KNOTS:
                 line.track.give_up()
-                del self.lines[number]
+                del self.lines[line.track.number]
             elif not bad:
-                line.extend(poses[index[-1]].compose(self._body_T_cam), points[-1])
+                index, sightings = interval.seen(line.track)
+                world_T_cam = poses[index[-1]].compose(self._body_T_cam)
+                line.extend(world_T_cam, sightings[-1].points)
 
     def _rebuild(self) -> None:
         """A new smoother from the window's own states, marginals and data; failing that, without
@@ -471,8 +472,3 @@ def _add_priors(factors: gtsam.NonlinearFactorGraph, knot: Knot, inflation: floa
 def _line_prior(line: GraphLine) -> gtsam.NonlinearFactor:
     noise = noiseModel.Diagonal.Sigmas(_NEW_LINE)
     return gtsam.PriorFactorVector(line.key, np.zeros(4), noise)
-
-
-def _weight(points: CompressedPoints) -> float:
-    """Number of points of weight 1 that these count for."""
-    return float(np.sum(points.statistics[:, :, 2] ** 2))

@@ -13,6 +13,7 @@ from ruledgraph.sensors import D435I_LIKE, Calibration, CameraModel
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph.simulation.edges import observe_segment
 from ruledgraph.tracks import Sighting, Track
+from ruledgraph_factors import CompressedPoints
 from simulated_window import BODY_T_CAM, FOCAL_LENGTH, SEGMENTS
 
 CALIBRATION = Calibration(
@@ -41,6 +42,10 @@ def stamp_of(time: float) -> int:
     return round(1e9 * time)
 
 
+def sighting(stamp: int, points: np.ndarray) -> Sighting:
+    return Sighting(stamp, points, CompressedPoints.from_frames([points]).statistics[0])
+
+
 def ideal_tracks(
     seed: int,
     motion: SplineMotion,
@@ -60,7 +65,7 @@ def ideal_tracks(
     tracks = []
     for number, ends in enumerate(segments, start=1):
         sightings = deque(
-            Sighting(
+            sighting(
                 stamp_of(time),
                 observe_segment(
                     motion.pose(time) * BODY_T_CAM, ends, 20, pixel_noise / FOCAL_LENGTH, rng

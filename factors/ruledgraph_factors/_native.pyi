@@ -54,6 +54,9 @@ class ReprojectionSurface(_Surface):
     ) -> None:
         """Take the three arrays of `IndividualPoints`."""
 
+def compress(points: FloatArray, sqrt_weights: FloatArray, counts: IntArray) -> FloatArray:
+    """As `observations.compress_in_numpy`."""
+
 def integrate(
     force: FloatArray, rate: FloatArray, dt: FloatArray, delta: FloatArray, d_bias: FloatArray
 ) -> int:

@@ -95,9 +95,12 @@ class RuledSurfaceFactor(gtsam.CustomFactor):
     """
 
     def __init__(self, spec: RuledSurfaceSpec) -> None:
-        super().__init__(spec.noise_model, list(spec.keys), _ErrorFunction(spec))
+        evaluate = evaluation(spec)
+        super().__init__(spec.noise_model, list(spec.keys), _ErrorFunction(spec, evaluate))
         self.spec = spec
         """The plain data this factor was built from."""
+        self.evaluate: Evaluate = evaluate
+        """The residual, and its Jacobian if asked for, at any state, without a graph."""
         if self.dim() != spec.points.rows:
             kind = "3 for each frame" if isinstance(spec.points, CompressedPoints) else "2 a point"
             raise FactorError(
@@ -121,38 +124,37 @@ class _ErrorFunction:
     C++ which Python's collector cannot see.
     """
 
-    def __init__(self, spec: RuledSurfaceSpec) -> None:
+    def __init__(self, spec: RuledSurfaceSpec, evaluate: Evaluate) -> None:
         self._form = spec.form
         self._columns = _COLUMNS[spec.form]
         self._gravity = spec.gravity
         self._magnitude = float(np.linalg.norm(spec.gravity))
-        self._evaluate = evaluation(spec)
+        self._evaluate = evaluate
 
     def __call__(
         self, this: gtsam.CustomFactor, values: gtsam.Values, H: list[FloatArray] | None
     ) -> FloatArray:
         keys = this.keys()
+        form = self._form
         velocity, bias, gravity = _NO_VELOCITY, _NO_BIAS, self._gravity
         by_direction = None
-        if self._form != "pose":
+        if form != "pose":
             velocity = _vector(values, keys[1], 3)
             bias = values.atConstantBias(keys[2]).vector()
-        if self._form == "knot_gravity_direction":
-            direction = values.atUnit3(keys[3])
-            gravity = self._magnitude * direction.unitVector()
-            by_direction = self._magnitude * direction.basis()
-        elif self._form == "knot_gravity_vector":
-            gravity = _vector(values, keys[3], 3)
-        state = State(
-            values.atPose3(keys[0]).matrix(), velocity, bias, gravity, _vector(values, keys[-1], 4)
-        )
-        value, jacobian = self._evaluate(state, H is not None)
+            if form == "knot_gravity_direction":
+                direction = values.atUnit3(keys[3])
+                gravity = self._magnitude * direction.unitVector()
+                by_direction = self._magnitude * direction.basis()
+            elif form == "knot_gravity_vector":
+                gravity = _vector(values, keys[3], 3)
+        pose, line = values.atPose3(keys[0]).matrix(), _vector(values, keys[-1], 4)
+        value, jacobian = self._evaluate(State(pose, velocity, bias, gravity, line), H is not None)
         if H is not None and jacobian is not None:
             for i, columns in enumerate(self._columns):
                 block = jacobian[:, columns]
-                if columns is _GRAVITY and by_direction is not None:
+                if by_direction is not None and columns is _GRAVITY:
                     block = block @ by_direction
-                H[i] = np.asfortranarray(block)
+                H[i] = block if block.flags.f_contiguous else np.asfortranarray(block)
         return value
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ruledgraph_factors.errors import FactorError
+from ruledgraph_factors.kernel import active_kernel, native
 from ruledgraph_factors.ruled_surface import (
     CameraLine,
     Residual,
@@ -68,13 +69,9 @@ class CompressedPoints:
         Raises:
             FactorError: for no frames, a frame without points, NaN, negative or all-zero weights.
         """
-        frames, frame_weights = _checked_frames(points, weights, effective_points)
-        statistics = np.zeros((len(frames), 3, 3))
-        for i, (p, w) in enumerate(zip(frames, frame_weights, strict=True)):
-            rows = np.column_stack([p, np.ones(len(p))]) * np.sqrt(w)[:, None]
-            triangle = np.linalg.qr(rows, mode="r")
-            statistics[i, : len(triangle)] = triangle
-        return cls(statistics)
+        checked = _checked_frames(points, weights, effective_points)
+        compress = native.compress if active_kernel() == "native" else compress_in_numpy
+        return cls(compress(*checked))
 
     @property
     def frames(self) -> int:
@@ -85,6 +82,11 @@ class CompressedPoints:
     def rows(self) -> int:
         """Rows of the residual, 3n: the dimension of the noise model."""
         return 3 * len(self.statistics)
+
+    @property
+    def weight(self) -> float:
+        """What all points weigh together: their number, if each has weight 1."""
+        return float(np.sum(self.statistics[:, :, 2] ** 2))
 
     def residual(self, line: CameraLine) -> Residual:
         """`geometric_residual` of these points."""
@@ -122,9 +124,8 @@ class IndividualPoints:
         effective_points: float | None = None,
     ) -> "IndividualPoints":
         """Keep the points of each frame; arguments and errors as `CompressedPoints.from_frames`."""
-        frames, frame_weights = _checked_frames(points, weights, effective_points)
-        index = np.repeat(np.arange(len(frames)), [len(p) for p in frames])
-        return cls(np.concatenate(frames), np.sqrt(np.concatenate(frame_weights)), index)
+        stacked, sqrt_weights, counts = _checked_frames(points, weights, effective_points)
+        return cls(stacked, sqrt_weights, np.repeat(np.arange(counts.size), counts))
 
     @property
     def frames(self) -> int:
@@ -141,35 +142,62 @@ class IndividualPoints:
         return reprojection_residual(line, self.points, self.sqrt_weights, self.frame)
 
 
+def compress_in_numpy(points: FloatArray, sqrt_weights: FloatArray, counts: IntArray) -> FloatArray:
+    """Statistics (n, 3, 3) of n frames' points (N, 2), `counts` (n,) of them in each; the reference
+    of `_native.compress`.
+    """
+    rows = np.column_stack([points, np.ones(len(points))]) * sqrt_weights[:, None]
+    statistics = np.zeros((counts.size, 3, 3))
+    for i, own in enumerate(np.split(rows, np.cumsum(counts)[:-1])):
+        triangle = np.linalg.qr(own, mode="r")
+        statistics[i, : len(triangle)] = triangle
+    return statistics
+
+
 def _checked_frames(
     points: Sequence[ArrayLike],
     weights: Sequence[ArrayLike] | None,
     effective_points: float | None,
-) -> tuple[list[FloatArray], list[FloatArray]]:
-    frames = [image_points(f"points[{i}]", p) for i, p in enumerate(points)]
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """All frames' points (N, 2), square roots of their weights (N,) and how many a frame has."""
+    frames = [np.asarray(p) for p in points]
     if not frames:
         raise FactorError("points is empty: at least one frame with one point is needed")
-    for i, frame in enumerate(frames):
-        if len(frame) == 0:
-            raise FactorError(
-                f"points[{i}] is empty: leave out a frame that saw nothing (motion.select)"
-            )
+    try:
+        stacked = image_points("points", np.concatenate(frames))
+    except (FactorError, ValueError, TypeError):
+        for i, p in enumerate(frames):
+            image_points(f"points[{i}]", p)
+        raise
+    counts = np.array([len(frame) for frame in frames])
+    for frame in np.flatnonzero(counts == 0):
+        raise FactorError(
+            f"points[{frame}] is empty: leave out a frame that saw nothing (motion.select)"
+        )
     if weights is None:
-        frame_weights = [np.ones(len(frame)) for frame in frames]
+        weight, total = np.ones(len(stacked)), counts.astype(np.float64)
     else:
-        if len(weights) != len(frames):
-            raise FactorError(f"weights has {len(weights)} frames, but points has {len(frames)}")
-        frame_weights = [
-            finite_array(f"weights[{i}]", w, (len(frame),))
-            for i, (w, frame) in enumerate(zip(weights, frames, strict=True))
-        ]
-    for i, weight in enumerate(frame_weights):
-        if np.any(weight < 0.0) or not np.any(weight > 0.0):
-            raise FactorError(f"weights[{i}] must be non-negative and not all zero")
+        weight, total = _checked_weights(weights, counts)
     if effective_points is not None:
         cap = positive_number("effective_points", effective_points)
-        frame_weights = [w * min(1.0, cap / float(w.sum())) for w in frame_weights]
-    return frames, frame_weights
+        weight = weight * np.repeat(np.minimum(1.0, cap / total), counts)
+    return stacked, np.sqrt(weight), counts
+
+
+def _checked_weights(
+    weights: Sequence[ArrayLike], counts: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """All frames' weights (N,) and the sum of each frame's (n,)."""
+    if len(weights) != counts.size:
+        raise FactorError(f"weights has {len(weights)} frames, but points has {counts.size}")
+    checked = [
+        finite_array(f"weights[{i}]", w, (count,))
+        for i, (w, count) in enumerate(zip(weights, counts.tolist(), strict=True))
+    ]
+    for i, weight in enumerate(checked):
+        if np.any(weight < 0.0) or not np.any(weight > 0.0):
+            raise FactorError(f"weights[{i}] must be non-negative and not all zero")
+    return np.concatenate(checked), np.array([weight.sum() for weight in checked])
 
 
 def bin_points(

@@ -7,6 +7,8 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include <Eigen/QR>
+#include <algorithm>
 #include <cstdint>
 #include <stdexcept>
 #include <utility>
@@ -114,6 +116,35 @@ ReprojectionSurface* make_reprojection(const Geometry& geometry, Rows<const doub
   return new ReprojectionSurface{geometry, std::move(individual)};
 }
 
+/// Triangular factor of the QR decomposition of each frame's weighted points (x, y, 1).
+nb::ndarray<nb::numpy, double> compress(Rows<const double, -1, 2> points,
+                                        const Eigen::VectorXd& sqrt_weights,
+                                        Rows<const std::int64_t, -1> counts) {
+  const std::size_t frames = counts.shape(0);
+  require(static_cast<std::size_t>(sqrt_weights.size()) == points.shape(0),
+          "points and sqrt_weights differ in length");
+  auto* statistics = new std::vector<double>(9 * frames, 0.0);
+  nb::capsule owner(statistics,
+                    [](void* p) noexcept { delete static_cast<std::vector<double>*>(p); });
+  Index first = 0;
+  for (std::size_t i = 0; i < frames; ++i) {
+    const auto count = static_cast<Index>(counts.data()[i]);
+    require(count >= 0 && first + count <= sqrt_weights.size(), "counts: not those of the points");
+    Eigen::Matrix<double, Eigen::Dynamic, 3> rows(count, 3);
+    rows.leftCols<2>() =
+        RowMajorMap<Eigen::Dynamic, 2>(points.data() + 2 * first, count, 2).array().colwise() *
+        sqrt_weights.segment(first, count).array();
+    rows.col(2) = sqrt_weights.segment(first, count);
+    const Index height = std::min<Index>(count, 3);
+    const Eigen::HouseholderQR<Eigen::Matrix<double, Eigen::Dynamic, 3>> qr(rows);
+    Eigen::Map<RowMajor<3, 3>>(statistics->data() + 9 * i).topRows(height) =
+        qr.matrixQR().topRows(height).triangularView<Eigen::Upper>();
+    first += count;
+  }
+  const std::size_t shape[3] = {frames, 3, 3};
+  return nb::ndarray<nb::numpy, double>(statistics->data(), 3, shape, owner);
+}
+
 std::size_t integrate(Rows<const double, -1, 3> force, Rows<const double, -1, 3> rate,
                       const Eigen::VectorXd& dt, Rows<double, -1, 9> delta,
                       Rows<double, -1, 9, 6> d_bias) {
@@ -152,6 +183,7 @@ NB_MODULE(_native, module) {
   bind_surface<ReprojectionSurface>(module, "ReprojectionSurface")
       .def(nb::new_(&make_reprojection), nb::arg("geometry"), nb::arg("points"),
            nb::arg("sqrt_weights"), nb::arg("frame"));
+  module.def("compress", &compress, nb::arg("points"), nb::arg("sqrt_weights"), nb::arg("counts"));
   module.def("integrate", &integrate, nb::arg("force"), nb::arg("rate"), nb::arg("dt"),
              nb::arg("delta").noconvert(), nb::arg("d_bias").noconvert());
 }

@@ -216,3 +216,20 @@ def test_without_the_native_kernel_numpy_runs(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setenv("RULEDGRAPH_KERNEL", "native")
     with pytest.raises(FactorError, match="RULEDGRAPH_KERNEL is native, but that kernel was not"):
         active_kernel()
+
+
+@needs_native
+def test_compressed_points_agree(by_both: ByBoth) -> None:
+    """Up to the sign of rows; points in number from one up, on a line as they are in practice."""
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        frames = [
+            np.column_stack([x, 0.3 * x - 0.1 + rng.normal(scale=1e-3, size=x.size)])
+            for x in (rng.uniform(-0.7, 0.7, size=rng.integers(1, 40)) for _ in range(6))
+        ]
+        weights = [rng.uniform(0.1, 2.0, size=len(points)) for points in frames]
+        native, numpy = by_both(
+            lambda f=frames, w=weights: CompressedPoints.from_frames(f, w, 15.0).statistics
+        )
+        signs = np.where(np.einsum("nii->ni", native * numpy) < 0.0, -1.0, 1.0)
+        np.testing.assert_allclose(native, signs[..., None] * numpy, rtol=BOUND, atol=BOUND)

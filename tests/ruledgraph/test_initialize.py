@@ -5,7 +5,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from ideal_tracks import CALIBRATION, at_rest, ideal_tracks
+from ideal_tracks import CALIBRATION, at_rest, ideal_tracks, sighting
 from ruledgraph.config import Config
 from ruledgraph.initialize import Refusal, is_still, start_at_rest, start_in_motion
 from ruledgraph.window import Start
@@ -49,9 +49,9 @@ def test_wrong_associations_are_refused():
     made, _ = in_motion(1, 0.0)
     rng = np.random.default_rng(0)
     for track in made.tracks:
-        for i, sighting in enumerate(track.sightings):
-            moved = sighting.points + rng.normal(scale=0.02, size=2)
-            track.sightings[i] = type(sighting)(sighting.stamp, moved)
+        for i, seen in enumerate(track.sightings):
+            moved = seen.points + rng.normal(scale=0.02, size=2)
+            track.sightings[i] = sighting(seen.stamp, moved)
     refusal = start_in_motion(
         made.imu, made.stamps, made.times.tolist(), made.tracks, CALIBRATION, Config()
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L
 
-from ideal_tracks import CALIBRATION, MANY, IdealTracks, error_of, ideal_tracks
+from ideal_tracks import CALIBRATION, MANY, IdealTracks, error_of, ideal_tracks, sighting
 from ruledgraph.config import Config, load_config
 from ruledgraph.smoother import FixedLagSmoother, SmootherError
 from ruledgraph.triangulate import View, triangulate
@@ -109,10 +109,10 @@ def test_without_any_lines_it_is_rebuilt_from_the_imu(monkeypatch):
 def test_a_line_that_does_not_fit_is_retired():
     made = ideal_tracks(2, hand_held(np.random.default_rng(2)))
     liar = made.tracks[0]
-    for i, sighting in enumerate(liar.sightings):
+    for i, seen in enumerate(liar.sightings):
         if i > 20:  # it slips to another edge, and on
             slip = np.array([0.01, 0.01]) * (i - 20)
-            liar.sightings[i] = type(sighting)(sighting.stamp, sighting.points + slip)
+            liar.sightings[i] = sighting(seen.stamp, seen.points + slip)
     window, _ = run_window(made)
     assert liar.number not in window.lines
     assert liar.lost
@@ -125,10 +125,10 @@ def test_a_robust_loss_carries_a_line_that_slips():
     for robust in ("1", "0"):
         made = ideal_tracks(2, hand_held(np.random.default_rng(2)))
         for track in made.tracks[:3]:
-            for i, sighting in enumerate(track.sightings):
+            for i, seen in enumerate(track.sightings):
                 if i > 40:
-                    moved = sighting.points + np.array([0.03, -0.03])
-                    track.sightings[i] = type(sighting)(sighting.stamp, moved)
+                    moved = seen.points + np.array([0.03, -0.03])
+                    track.sightings[i] = sighting(seen.stamp, moved)
         window, _ = run_window(made, load_config(None, [f"window.robust={robust}"]))
         knot = window.newest
         errors[robust] = error_of(knot.state.pose(), made.motion.pose(knot.time))
@@ -151,7 +151,7 @@ def test_triangulation_finds_lines_at_any_distance(seed):
     motion = preintegrate_frames(made.imu.between(0.0, 0.7), 0.0, made.times[1:])
     state = gtsam.NavState(made.motion.pose(0.0), made.motion.velocity(0.0))
     for track in made.tracks:
-        points = [sighting.points for sighting in track.sightings][1:]
+        points = [seen.points for seen in track.sightings][1:]
         compressed = CompressedPoints.from_frames(points)
         view = View(motion, compressed, state, gtsam.imuBias.ConstantBias())
         anchor = made.motion.pose(made.times[1]) * BODY_T_CAM
