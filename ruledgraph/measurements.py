@@ -6,17 +6,27 @@ Stamps are nanoseconds as in the recording (int64 range); the camera's and the I
 differ by the calibration's time offset.
 """
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ruledgraph.edges.gradient import Gradient
 
-class Frame(NamedTuple):
+
+@dataclass(frozen=True, eq=False)
+class Frame:
     """An image: grey, (height, width) uint8."""
 
     stamp: int
     image: NDArray[np.uint8]
+
+    @cached_property
+    def gradient(self) -> Gradient:
+        """Of the image; computed when it is first asked for, by whichever thread that is."""
+        return Gradient(self.image)
 
 
 class ImuSample(NamedTuple):

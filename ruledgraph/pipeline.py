@@ -5,6 +5,7 @@
 import time as clock
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -79,7 +80,7 @@ class Odometry:
         self.calibration = calibration
         self.config = config or Config()
         edges = self.config.edges
-        self.tracker = Tracker(calibration.camera, edges, DETECTORS[edges.detector])
+        self.tracker = Tracker(calibration.camera, edges)
         self.window: Window | None = None
         self.warnings: list[str] = []
         self.recoveries: list[str] = []
@@ -88,6 +89,9 @@ class Odometry:
         self._live: list[Estimate] = []
         self._smoothed: list[Estimate] = []
         self._lines: list[LineEstimate] = []
+        self._detect = DETECTORS[edges.detector]
+        # Segments are detected beside the smoother, which runs on the same frames.
+        self._worker = ThreadPoolExecutor(1, "detection")
         self._imu = ImuBuffer()
         self._origin: int | None = None
         self._waiting: deque[Frame] = deque()
@@ -176,10 +180,14 @@ class Odometry:
         if self._frames and seen.time <= self._frames[-1].time:
             return
         with self._timed("gradient"):
-            gradient = Gradient(frame.image)
+            gradient = frame.gradient
         with self._timed("search"):
             lines = self._follow(seen, gradient)
         self._frames.append(seen)
+        segments = None
+        if seen.time - self._last_detection >= _DETECT_INTERVAL - _EARLY:
+            self._last_detection = seen.time
+            segments = self._worker.submit(self._detect, frame.image)
         at_knot = False
         if self.window is None:
             with self._timed("start"):
@@ -198,11 +206,10 @@ class Odometry:
         if self.window is not None:
             self._report(self.window, seen, lines, at_knot)
         self.tracker.drop_lost()
-        if seen.time - self._last_detection >= _DETECT_INTERVAL - _EARLY:
-            self._last_detection = seen.time
+        if segments is not None:
             with self._timed("detection"):
                 self.tracker.drop_twins()
-                self.tracker.start_new(seen.stamp, seen.time, frame.image, gradient)
+                self.tracker.start_new(seen.stamp, seen.time, segments.result(), gradient)
         self._forget(seen.time)
 
     def _follow(self, seen: _Seen, gradient: Gradient) -> int:

@@ -11,6 +11,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
+from ruledgraph.ahead import ahead
 from ruledgraph.config import Config
 from ruledgraph.errors import RuledgraphError
 from ruledgraph.evaluation import accuracy
@@ -31,6 +32,8 @@ Record: TypeAlias = Callable[[Sequence[Estimate], Sequence[Estimate], Sequence[L
 Watch: TypeAlias = Callable[[Odometry, Frame], None]
 """Sees the odometry when it has been given a frame."""
 
+# Measurements read ahead, a few frames' worth.
+_AHEAD = 64
 # Warnings listed in the summary; the rest are counted.
 _MOST_WARNINGS = 50
 
@@ -98,6 +101,8 @@ def run(
         RuledgraphError: for a recording that holds nothing to work on; results are in `output`.
     """
     odometry = PaperOdometry(calibration) if solver == "paper" else Odometry(calibration, config)
+    if solver == "graph":
+        measurements = ahead(measurements, _prepare, _AHEAD)
     tally = _Tally()
     ended = "complete"
     started = clock.perf_counter()
@@ -133,6 +138,11 @@ def run(
                 summary["accuracy"] = _accuracy(output, ground_truth)
             results.summarize(summary)
     return summary
+
+
+def _prepare(measurement: Measurement) -> None:
+    if isinstance(measurement, Frame):
+        _ = measurement.gradient
 
 
 def _hand_over(

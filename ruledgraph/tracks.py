@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruledgraph.config import EdgesConfig
-from ruledgraph.edges.detect import Detector
 from ruledgraph.edges.gradient import Gradient
-from ruledgraph.edges.search import EdgePoints, Ruling, normal_of, search, search_all
+from ruledgraph.edges.search import EdgePoints, Ruling, normal_of, search_all
 from ruledgraph.edges.sobel import search_sobel, sobel_points
 from ruledgraph.sensors import CameraModel, FloatArray
 from ruledgraph_factors import CompressedPoints
@@ -37,6 +36,8 @@ _TWIN = 5.0
 _PARALLEL = 0.99
 # A segment shorter than this is lost, px.
 _SHORTEST = 25.0
+# Share of its stations at which a new line must have a point.
+_FULL = 0.6
 # Fewer lines say nothing of whether the image moves.
 _FEWEST_MOVING = 3
 
@@ -88,12 +89,11 @@ class Track:
 class Tracker:
     """Follows tracks through frames and starts new ones."""
 
-    def __init__(self, camera: CameraModel, config: EdgesConfig, detect: Detector) -> None:
+    def __init__(self, camera: CameraModel, config: EdgesConfig) -> None:
         self.tracks: list[Track] = []
         self._camera = camera
         self._config = config
         self._straight = _STRAIGHT[config.points]
-        self._detect = detect
         self._next = 0
         corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
         rim = np.concatenate([corners, [[0.5, 0.0], [0.5, 1.0], [0.0, 0.5], [1.0, 0.5]]])
@@ -199,46 +199,42 @@ class Tracker:
         few = len(moved) < _FEWEST_MOVING
         return np.inf if few else float(np.median(moved)) * self._camera.focal_length
 
-    def start_new(
-        self, stamp: int, time: float, image: NDArray[np.uint8], gradient: Gradient
-    ) -> None:
-        """Start tracks on detected segments until there are enough."""
+    def start_new(self, stamp: int, time: float, segments: FloatArray, gradient: Gradient) -> None:
+        """Start tracks on segments (N, 2, 2), in px, until there are enough."""
         wanted = self._config.max_lines - len(self.tracks)
         if wanted <= 0:
             return
-        segments = self._detect(image)
-        lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
-        long = lengths > self._config.min_length
-        segments, lengths = segments[long], lengths[long]
-        crowd = self._crowding(segments)
-        for i in np.argsort(-lengths / crowd):
-            if wanted <= 0:
+        candidates = self._candidates(segments, gradient)
+        found = search_all(gradient, self._camera, candidates)
+        for ruling, edge in zip(candidates, found, strict=True):
+            if edge is None or edge.deviation > self._straight or edge.support < _FULL:
+                continue
+            ends = _extent(ruling.ends, edge)
+            # Two candidates may be one line as well.
+            if self._twins(ends[None], np.array([edge.slope]), self.tracks).any():
+                continue
+            self._next += 1
+            track = Track(self._next, born=time, ends=ends, slope=edge.slope, last_seen=time)
+            self._sight(stamp, [(track, edge)])
+            self.tracks.append(track)
+            wanted -= 1
+            if wanted == 0:
                 break
-            track = self._start(stamp, time, segments[i], gradient)
-            if track is not None:
-                self.tracks.append(track)
-                wanted -= 1
 
-    def _start(
-        self, stamp: int, time: float, segment: FloatArray, gradient: Gradient
-    ) -> Track | None:
-        ends = self._camera.undistort(segment)
-        if not np.all(np.isfinite(ends)):
-            return None
-        direction = (segment[1] - segment[0]) / np.linalg.norm(segment[1] - segment[0])
-        across = np.array([-direction[1], direction[0]])
-        stations = segment[0] + np.linspace(0.1, 0.9, 15)[:, None] * (segment[1] - segment[0])
-        slope = float(np.median(gradient.along(stations, across[None])))
-        if self._twins(ends[None], np.array([slope]), self.tracks).any():
-            return None
-        found = search(gradient, self._camera, Ruling(ends, (1.0, 1.0), slope))
-        if found is None or found.deviation > self._straight or found.support < 0.6:
-            return None
-        self._next += 1
-        ends = _extent(ends, found)
-        track = Track(self._next, born=time, ends=ends, slope=found.slope, last_seen=time)
-        self._sight(stamp, [(track, found)])
-        return track
+    def _candidates(self, segments: FloatArray, gradient: Gradient) -> list[Ruling]:
+        """Segments that are long enough and not followed yet, those worth most first."""
+        along = segments[:, 1] - segments[:, 0]
+        lengths = np.linalg.norm(along, axis=1)
+        ends = self._camera.undistort(segments.reshape(-1, 2)).reshape(-1, 2, 2)
+        good = (lengths > self._config.min_length) & np.isfinite(ends).all(axis=(1, 2))
+        segments, along, lengths, ends = segments[good], along[good], lengths[good], ends[good]
+        across = np.stack([-along[:, 1], along[:, 0]], axis=1) / lengths[:, None]
+        stations = segments[:, :1] + np.linspace(0.1, 0.9, 15)[:, None] * along[:, None]
+        slopes = np.median(gradient.along(stations, across[:, None]), axis=1).astype(np.float64)
+        new = ~np.any(self._twins(ends, slopes, self.tracks), axis=1)
+        worth = lengths / self._crowding(segments)
+        order = [i for i in np.argsort(-worth) if new[i]]
+        return [Ruling(ends[i], (1.0, 1.0), float(slopes[i])) for i in order]
 
     def _crowding(self, segments: FloatArray) -> FloatArray:
         """1 for a direction and place without tracks, more where there are some already."""
