@@ -241,7 +241,12 @@ def simulate(
     metavar="FOLDER",
     help="Where the results go; by default results/<name>-<time>.",
 )
-@click.option("--ground-truth", metavar="FILE|TOPIC", help="To report errors against.")
+@click.option(
+    "--ground-truth",
+    type=click.Path(),
+    metavar="FILE|TOPIC",
+    help="To report errors against.",
+)
 @click.option(
     "--config",
     "config_file",
@@ -285,8 +290,8 @@ def smooth(recording: Path, **options: Any) -> None:
 
 
 @main.command()
-@click.argument("estimate")
-@click.argument("reference")
+@click.argument("estimate", type=click.Path())
+@click.argument("reference", type=click.Path())
 @click.option("--live", is_flag=True, help="Of a run's folder, its trajectory_live.tum.")
 @click.option(
     "--align",
@@ -314,6 +319,7 @@ def smooth(recording: Path, **options: Any) -> None:
 )
 @click.option(
     "--markers",
+    type=click.Path(),
     metavar="FILE|BAG:/TOPIC",
     help="Points on true lines, CSV or YAML, named line/marker: how far a run's lines miss them.",
 )
@@ -379,3 +385,21 @@ def report(runs: tuple[Path, ...], output: Path, ground_truth: str | None) -> No
 
     write_report(runs, output, read_poses(ground_truth) if ground_truth else None)
     click.echo(str(output))
+
+
+@main.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print what makes a SHELL complete commands, options and file names.
+
+    \b
+    Examples:
+      eval "$(ruledgraph completion bash)"                      # in ~/.bashrc; zsh likewise
+      ruledgraph completion fish > ~/.config/fish/completions/ruledgraph.fish
+    """
+    from click.shell_completion import get_completion_class
+
+    complete = get_completion_class(shell)
+    if complete is None:
+        raise click.UsageError(f"this version of click knows no completion for {shell}")
+    click.echo(complete(main, {}, "ruledgraph", "_RULEDGRAPH_COMPLETE").source())
