@@ -5,7 +5,6 @@
 Whatever is slow to import is imported where it is used, so that `--help` comes at once.
 """
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -74,27 +73,59 @@ def _recording_options(command: _Command) -> _Command:
     return command
 
 
+def _calibration_options(command: _Command) -> _Command:
+    """The calibration that goes with a recording."""
+    for option in reversed(
+        (
+            click.option(
+                "--calibration",
+                "calibration_files",
+                type=click.Path(path_type=Path),
+                multiple=True,
+                metavar="FILE",
+                help="Kalibr YAML, EuRoC sensor.yaml or its folder; repeat it for camera and IMU "
+                "files.",
+            ),
+            click.option(
+                "--camera", metavar="NAME", help="Which of the calibration's cameras, such as cam0."
+            ),
+            click.option(
+                "--imu",
+                type=click.Choice(["d435i", "adis16448"]),
+                help="Take this sensor's typical IMU noise, where the calibration has none.",
+            ),
+        )
+    ):
+        command = option(command)
+    return command
+
+
 @main.command()
 @click.argument("recording", type=click.Path(path_type=Path))
+@_calibration_options
 @_recording_options
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def info(recording: Path, as_json: bool, **choice: Any) -> None:
-    """Show what a RECORDING holds and what would be used of it.
+@click.option(
+    "--plots",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Draw its timing and IMU into it.",
+)
+def info(recording: Path, **options: Any) -> None:
+    """Show what a RECORDING holds, what would be used of it, and whether that will do.
 
     RECORDING is a ROS 1 bag, a ROS 2 bag's folder, an MCAP file or a EuRoC (ASL) folder. All of
-    its stamps are read, so damage and gaps show.
+    its stamps are read, so damage and gaps show. With a calibration its figures are looked at, too,
+    and whether the images turn as the gyroscope does.
 
     \b
-    Example:
+    Examples:
       ruledgraph info flight.bag --duration 30
+      ruledgraph info flight.bag --calibration calib.yaml --plots flight_timing
     """
-    from ruledgraph.recording.info import inspect_recording, print_info
+    from ruledgraph.info_command import info_command
 
-    found = inspect_recording(recording, **choice)
-    if as_json:
-        click.echo(json.dumps(found.as_dict(), indent=2))
-    else:
-        print_info(found)
+    info_command(recording, **options)
 
 
 @main.command()
@@ -221,20 +252,7 @@ def simulate(
 
 @main.command()
 @click.argument("recording", type=click.Path(path_type=Path))
-@click.option(
-    "--calibration",
-    "calibration_files",
-    type=click.Path(path_type=Path),
-    multiple=True,
-    metavar="FILE",
-    help="Kalibr YAML, EuRoC sensor.yaml or its folder; repeat it for camera and IMU files.",
-)
-@click.option("--camera", metavar="NAME", help="Which of the calibration's cameras, such as cam0.")
-@click.option(
-    "--imu",
-    type=click.Choice(["d435i", "adis16448"]),
-    help="Take this sensor's typical IMU noise, where the calibration has none.",
-)
+@_calibration_options
 @click.option(
     "--output",
     type=click.Path(path_type=Path),

@@ -57,7 +57,8 @@ def smooth_command(
             raise click.UsageError(f"{unused}: the paper's solver has none; leave it out")
     config = load_config(config_file, settings)
     source = open_recording(recording, **choice)
-    calibration = _calibration(source, recording, calibration_files, camera, imu)
+    topic = source.image_topic.name if source.image_topic else None
+    calibration = calibration_for(recording, source.kind, topic, calibration_files, camera, imu)
     truth = read_ground_truth(ground_truth, source) if ground_truth else None
     if output is None:
         time = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
@@ -119,12 +120,18 @@ def _inputs(
     return {name: str(value) for name, value in named.items() if value not in (None, "")}
 
 
-def _calibration(
-    source: Recording, recording: Path, files: Sequence[Path], camera: str | None, imu: str | None
+def calibration_for(
+    recording: Path,
+    kind: str,
+    image_topic: str | None,
+    files: Sequence[Path],
+    camera: str | None,
+    imu: str | None,
 ) -> Calibration:
+    """The calibration of the command line's options; an ASL folder brings its own."""
     paths = list(files)
     if not paths:
-        if source.kind != "asl":
+        if kind != "asl":
             raise CalibrationError(
                 f"{recording}: no calibration; pass --calibration FILE, such as Kalibr's camchain "
                 "with T_cam_imu"
@@ -133,10 +140,7 @@ def _calibration(
     noise = TYPICAL_IMU_NOISE[imu] if imu else None
     if imu:
         click.echo(f"warning: typical IMU noise of a {imu}, not this sensor's own", err=True)
-    topic = source.image_topic
-    return read_calibration(
-        *paths, camera=camera, image_topic=topic.name if topic else None, imu_noise=noise
-    )
+    return read_calibration(*paths, camera=camera, image_topic=image_topic, imu_noise=noise)
 
 
 def _frame_count(source: Recording) -> int | None:
