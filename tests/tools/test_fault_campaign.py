@@ -61,9 +61,14 @@ def test_errors_are_compared_with_the_covariance_that_came_with_them():
     stamps = np.arange(10) * 10**8
     positions = np.stack([0.1 * np.arange(10), np.zeros(10), np.zeros(10)], axis=1)
     truth = GroundTruth(stamps, positions, np.tile([0.0, 0.0, 0.0, 1.0], (10, 1)))
-    found = fault_campaign._honesty([[estimate(i, 0.0) for i in range(10)]], truth)
+
+    def honesty(far):
+        estimates = [estimate(i, far * (i > 4)) for i in range(10)]
+        return fault_campaign._honesty([fault_campaign.Segment(estimates, estimates)], truth)
+
+    found = honesty(0.0)
     assert found["worst"] == pytest.approx(0.0, abs=1e-6)
-    found = fault_campaign._honesty([[estimate(i, 0.2 * (i > 4)) for i in range(10)]], truth)
+    found = honesty(0.2)
     assert found["worst"] == pytest.approx(200.0)
     assert found["3s"] == pytest.approx(0.2 / 3.0 / np.hypot(0.01, 0.003))
     assert found["untold"] == found["beyond"] == 0.5
