@@ -163,14 +163,18 @@ def _beginning(segment: Segment, truth: GroundTruth) -> gtsam.Pose3:
     ours, true = matched(_trajectory(start), truth)
     if true.quaternions is None:
         raise ValueError("ground truth without orientations")
-    yaws = (_yaws(ours.quaternions) - _yaws(true.quaternions) + np.pi) % (2.0 * np.pi) - np.pi
-    turn = gtsam.Rot3.Yaw(float(np.median(yaws)))
+    turn = heading(*(Rotation.from_quat(t.quaternions).as_matrix() for t in (ours, true)))
     shift = ours.positions.mean(axis=0) - turn.rotate(true.positions.mean(axis=0))
     return gtsam.Pose3(turn, shift)
 
 
-def _yaws(quaternions: FloatArray) -> FloatArray:
-    return np.asarray(Rotation.from_quat(quaternions).as_euler("zyx")[:, 0])
+def heading(ours: FloatArray, true: FloatArray) -> gtsam.Rot3:
+    """The turn about the vertical that best takes the true attitudes, (N, 3, 3), onto ours.
+
+    Unlike a difference of yaw angles it exists for any mounting of the body.
+    """
+    M = np.einsum("nij,nkj->ik", ours, true)
+    return gtsam.Rot3.Yaw(float(np.arctan2(M[1, 0] - M[0, 1], M[0, 0] + M[1, 1])))
 
 
 def _over_three_sigma(in_body: FloatArray, estimate: Estimate) -> float:

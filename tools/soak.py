@@ -19,9 +19,9 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import click
-import gtsam
 import numpy as np
 
+from fault_campaign import heading
 from ruledgraph.measurements import Frame
 from ruledgraph.pipeline import Estimate, Odometry
 from ruledgraph.simulation import Simulation
@@ -119,10 +119,10 @@ def _resident() -> float:
 
 def _error(first: Estimate, last: Estimate, simulation: Simulation) -> float:
     true = simulation.truth([first.stamp, last.stamp])
-    yaw = gtsam.Rot3(true.rotation[0]).yaw() - first.world_T_body.rotation().yaw()
+    turn = heading(true.rotation[:1], first.world_T_body.rotation().matrix()[None])
     moved = last.world_T_body.translation() - first.world_T_body.translation()
     truly = true.position[1] - true.position[0]
-    return float(np.linalg.norm(gtsam.Rot3.Yaw(yaw).rotate(moved) - truly))
+    return float(np.linalg.norm(turn.rotate(moved) - truly))
 
 
 def verdicts(rows: Sequence[Row]) -> list[tuple[bool, str]]:
