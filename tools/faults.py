@@ -14,7 +14,7 @@ from dataclasses import replace
 import cv2
 import gtsam
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
 from ruledgraph.sensors import Calibration, ImuNoise
@@ -269,7 +269,7 @@ def turned_camera(calibration: Calibration, degrees: float) -> Calibration:
 def moved_camera(calibration: Calibration, metres: float) -> Calibration:
     """The camera is mounted so far from where it is said to be."""
     pose = calibration.body_T_cam
-    shift: ArrayLike = metres * np.array([1.0, -1.0, 1.0]) / np.sqrt(3.0)
+    shift = metres * np.array([1.0, -1.0, 1.0]) / np.sqrt(3.0)
     moved = gtsam.Pose3(pose.rotation(), pose.translation() + shift)
     return replace(calibration, body_T_cam=moved)
 
