@@ -14,7 +14,8 @@ wrong by more than 30 mm, and not called dead reckoning. The verdict:
 
 - good: no worse than three times the clean run and 10 mm;
 - worse: off, and its covariance says so;
-- told: off beyond what its covariance says, but by no more than 5 % of the frames untold;
+- told: off beyond what its covariance says, but no more than 5 % of the frames more than in the
+  clean run are untold;
 - UNTOLD: more than that;
 - none: no estimate, and a warning says why;
 - CRASH, HANG.
@@ -188,7 +189,8 @@ def verdict(row: dict[str, Any], clean: dict[str, Any] | None) -> str:
         return str(row["failure"])
     if "ate" not in row:
         return "none" if row["warnings"] else "NONE, NOT TOLD"
-    if row["untold"] > _UNTOLD_SHARE:
+    faulty = clean is not None and row["fault"] != CLEAN
+    if row["untold"] > _UNTOLD_SHARE + (clean.get("untold", 0.0) if clean and faulty else 0.0):
         return "UNTOLD"
     best = clean["ate"] if clean and "ate" in clean else 0.0
     if row["ate"] <= 3.0 * best + 10.0:

@@ -14,8 +14,8 @@ from fault_scenes import NAMES
 from ruledgraph.ground_truth import GroundTruth
 from ruledgraph.pipeline import Estimate
 
-CLEAN = {"ate": 1.0}
-GOOD = {"ate": 5.0, "untold": 0.0, "beyond": 0.0}
+CLEAN = {"fault": "none", "ate": 1.0}
+GOOD = {"fault": "blur", "ate": 5.0, "untold": 0.0, "beyond": 0.0}
 
 
 @pytest.mark.parametrize(
@@ -32,6 +32,13 @@ GOOD = {"ate": 5.0, "untold": 0.0, "beyond": 0.0}
 )
 def test_verdicts(row, expected):
     assert fault_campaign.verdict(row, CLEAN) == expected
+
+
+def test_what_the_clean_run_does_not_tell_is_no_fault_of_a_fault():
+    row = GOOD | {"untold": 0.12}
+    assert fault_campaign.verdict(row, CLEAN | {"untold": 0.02}) == "UNTOLD"
+    assert fault_campaign.verdict(row, CLEAN | {"untold": 0.1}) == "good"
+    assert fault_campaign.verdict(CLEAN | {"untold": 0.1}, CLEAN | {"untold": 0.1}) == "UNTOLD"
 
 
 class Broken:
