@@ -5,12 +5,12 @@
 Whatever is slow to import is imported where it is used, so that `--help` comes at once.
 """
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
+from ruledgraph.cli_options import calibration_options, recording_options
 from ruledgraph.errors import RuledgraphError
 
 
@@ -50,60 +50,10 @@ def main() -> None:
     """Line-based visual-inertial odometry as a GTSAM backend."""
 
 
-_Command = TypeVar("_Command", bound=Callable[..., Any])
-
-
-def _recording_options(command: _Command) -> _Command:
-    """Which topics of a recording to use, and which stretch of it."""
-    for option in reversed(
-        (
-            click.option("--image-topic", metavar="TOPIC", help="The camera's topic."),
-            click.option("--imu-topic", metavar="TOPIC", help="The IMU's topic."),
-            click.option(
-                "--gyroscope-topic",
-                metavar="TOPIC",
-                help="The gyroscope's topic, when the accelerometer has one of its own.",
-            ),
-            click.option("--accelerometer-topic", metavar="TOPIC", help="The accelerometer's."),
-            click.option("--start", type=float, help="Begin so many seconds after the beginning."),
-            click.option("--duration", type=float, help="Read so many seconds."),
-        )
-    ):
-        command = option(command)
-    return command
-
-
-def _calibration_options(command: _Command) -> _Command:
-    """The calibration that goes with a recording."""
-    for option in reversed(
-        (
-            click.option(
-                "--calibration",
-                "calibration_files",
-                type=click.Path(path_type=Path),
-                multiple=True,
-                metavar="FILE",
-                help="Kalibr YAML, EuRoC sensor.yaml or its folder; repeat it for camera and IMU "
-                "files.",
-            ),
-            click.option(
-                "--camera", metavar="NAME", help="Which of the calibration's cameras, such as cam0."
-            ),
-            click.option(
-                "--imu",
-                type=click.Choice(["d435i", "adis16448"]),
-                help="Take this sensor's typical IMU noise, where the calibration has none.",
-            ),
-        )
-    ):
-        command = option(command)
-    return command
-
-
 @main.command()
 @click.argument("recording", type=click.Path(path_type=Path))
-@_calibration_options
-@_recording_options
+@calibration_options
+@recording_options
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option(
     "--plots",
@@ -138,7 +88,7 @@ def info(recording: Path, **options: Any) -> None:
     required=True,
     help="rosbag2 is a folder with an sqlite3 file, asl a folder as of EuRoC.",
 )
-@_recording_options
+@recording_options
 def export(recording: Path, out: Path, kind: Any, **choice: Any) -> None:
     """Write the camera and the IMU of a RECORDING to OUT in another format.
 
@@ -252,7 +202,7 @@ def simulate(
 
 @main.command()
 @click.argument("recording", type=click.Path(path_type=Path))
-@_calibration_options
+@calibration_options
 @click.option(
     "--output",
     type=click.Path(path_type=Path),
@@ -288,7 +238,7 @@ def simulate(
     help="The factor graph, or the paper's own solver as a baseline: slow, four lines.",
 )
 @click.option("-v", "--verbose", is_flag=True, help="Say more: all warnings, stage timings.")
-@_recording_options
+@recording_options
 def smooth(recording: Path, **options: Any) -> None:
     """Estimate the metric trajectory and the lines of a RECORDING.
 
