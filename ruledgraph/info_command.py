@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
+from ruledgraph.calibration_choice import calibration_for
 from ruledgraph.recording.info import inspect_recording, print_info
 from ruledgraph.sensors import Calibration
-from ruledgraph.smooth_command import calibration_for
 
 
 def info_command(

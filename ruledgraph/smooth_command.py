@@ -21,7 +21,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from ruledgraph.calibration import TYPICAL_IMU_NOISE, CalibrationError, read_calibration
+from ruledgraph.calibration_choice import calibration_for
 from ruledgraph.config import load_config
 from ruledgraph.ground_truth import read_ground_truth
 from ruledgraph.measurements import Frame
@@ -29,7 +29,6 @@ from ruledgraph.pipeline import Odometry
 from ruledgraph.recording import Recording, open_recording
 from ruledgraph.runner import Progress as RunProgress
 from ruledgraph.runner import Solver, Watch, run
-from ruledgraph.sensors import Calibration
 
 _FEW_WARNINGS = 5
 
@@ -118,29 +117,6 @@ def _inputs(
         **{name.replace("_", " "): value for name, value in choice.items()},
     }
     return {name: str(value) for name, value in named.items() if value not in (None, "")}
-
-
-def calibration_for(
-    recording: Path,
-    kind: str,
-    image_topic: str | None,
-    files: Sequence[Path],
-    camera: str | None,
-    imu: str | None,
-) -> Calibration:
-    """The calibration of the command line's options; an ASL folder brings its own."""
-    paths = list(files)
-    if not paths:
-        if kind != "asl":
-            raise CalibrationError(
-                f"{recording}: no calibration; pass --calibration FILE, such as Kalibr's camchain "
-                "with T_cam_imu"
-            )
-        paths = [recording]
-    noise = TYPICAL_IMU_NOISE[imu] if imu else None
-    if imu:
-        click.echo(f"warning: typical IMU noise of a {imu}, not this sensor's own", err=True)
-    return read_calibration(*paths, camera=camera, image_topic=image_topic, imu_noise=noise)
 
 
 def _frame_count(source: Recording) -> int | None:
