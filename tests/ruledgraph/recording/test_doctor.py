@@ -213,10 +213,11 @@ def test_a_mounting_the_wrong_way_round_is_found(axis):
     assert "is T_cam_imu the right way round" in finding.text
 
 
-@pytest.mark.parametrize("offset", [-0.05, 0.05])
+@pytest.mark.parametrize("offset", [-0.08, 0.08])
 def test_a_wrong_time_offset_is_found(offset):
     stream, calibration = small_stream(moving=True)
-    good, bad_one = turning(stream, dataclasses.replace(calibration, time_offset=offset))
+    late = dataclasses.replace(calibration, time_offset=offset)
+    good, bad_one = examine_turning(stream, late)
     assert good.good
     assert not bad_one.good
     assert f"the calibration says {1e3 * offset:.0f} ms; calibrate the time offset" in bad_one.text
