@@ -10,7 +10,17 @@ for estimate in ruledgraph.smooth(recording.stream(), calibration):
 
 from importlib import import_module
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ruledgraph.calibration import read_calibration as read_calibration
+    from ruledgraph.config import Config as Config
+    from ruledgraph.config import load_config as load_config
+    from ruledgraph.pipeline import Estimate as Estimate
+    from ruledgraph.pipeline import Odometry as Odometry
+    from ruledgraph.pipeline import smooth as smooth
+    from ruledgraph.recording import open_recording as open_recording
+    from ruledgraph.sensors import Calibration as Calibration
 
 __version__ = version("ruledgraph")
 

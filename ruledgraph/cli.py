@@ -5,13 +5,12 @@
 Whatever is slow to import is imported where it is used, so that `--help` comes at once.
 """
 
-import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
+from ruledgraph.cli_options import calibration_options, recording_options
 from ruledgraph.errors import RuledgraphError
 
 
@@ -51,50 +50,32 @@ def main() -> None:
     """Line-based visual-inertial odometry as a GTSAM backend."""
 
 
-_Command = TypeVar("_Command", bound=Callable[..., Any])
-
-
-def _recording_options(command: _Command) -> _Command:
-    """Which topics of a recording to use, and which stretch of it."""
-    for option in reversed(
-        (
-            click.option("--image-topic", metavar="TOPIC", help="The camera's topic."),
-            click.option("--imu-topic", metavar="TOPIC", help="The IMU's topic."),
-            click.option(
-                "--gyroscope-topic",
-                metavar="TOPIC",
-                help="The gyroscope's topic, when the accelerometer has one of its own.",
-            ),
-            click.option("--accelerometer-topic", metavar="TOPIC", help="The accelerometer's."),
-            click.option("--start", type=float, help="Begin so many seconds after the beginning."),
-            click.option("--duration", type=float, help="Read so many seconds."),
-        )
-    ):
-        command = option(command)
-    return command
-
-
 @main.command()
 @click.argument("recording", type=click.Path(path_type=Path))
-@_recording_options
+@calibration_options
+@recording_options
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def info(recording: Path, as_json: bool, **choice: Any) -> None:
-    """Show what a RECORDING holds and what would be used of it.
+@click.option(
+    "--plots",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Draw its timing and IMU into it.",
+)
+def info(recording: Path, **options: Any) -> None:
+    """Show what a RECORDING holds, what would be used of it, and whether that will do.
 
     RECORDING is a ROS 1 bag, a ROS 2 bag's folder, an MCAP file or a EuRoC (ASL) folder. All of
-    its stamps are read, so damage and gaps show.
+    its stamps are read, so damage and gaps show. With a calibration its figures are looked at, too,
+    and whether the images turn as the gyroscope does.
 
     \b
-    Example:
+    Examples:
       ruledgraph info flight.bag --duration 30
+      ruledgraph info flight.bag --calibration calib.yaml --plots flight_timing
     """
-    from ruledgraph.recording.info import inspect_recording, print_info
+    from ruledgraph.info_command import info_command
 
-    found = inspect_recording(recording, **choice)
-    if as_json:
-        click.echo(json.dumps(found.as_dict(), indent=2))
-    else:
-        print_info(found)
+    info_command(recording, **options)
 
 
 @main.command()
@@ -107,7 +88,7 @@ def info(recording: Path, as_json: bool, **choice: Any) -> None:
     required=True,
     help="rosbag2 is a folder with an sqlite3 file, asl a folder as of EuRoC.",
 )
-@_recording_options
+@recording_options
 def export(recording: Path, out: Path, kind: Any, **choice: Any) -> None:
     """Write the camera and the IMU of a RECORDING to OUT in another format.
 
@@ -221,27 +202,19 @@ def simulate(
 
 @main.command()
 @click.argument("recording", type=click.Path(path_type=Path))
-@click.option(
-    "--calibration",
-    "calibration_files",
-    type=click.Path(path_type=Path),
-    multiple=True,
-    metavar="FILE",
-    help="Kalibr YAML, EuRoC sensor.yaml or its folder; repeat it for camera and IMU files.",
-)
-@click.option("--camera", metavar="NAME", help="Which of the calibration's cameras, such as cam0.")
-@click.option(
-    "--imu",
-    type=click.Choice(["d435i", "adis16448"]),
-    help="Take this sensor's typical IMU noise, where the calibration has none.",
-)
+@calibration_options
 @click.option(
     "--output",
     type=click.Path(path_type=Path),
     metavar="FOLDER",
     help="Where the results go; by default results/<name>-<time>.",
 )
-@click.option("--ground-truth", metavar="FILE|TOPIC", help="To report errors against.")
+@click.option(
+    "--ground-truth",
+    type=click.Path(),
+    metavar="FILE|TOPIC",
+    help="To report errors against.",
+)
 @click.option(
     "--config",
     "config_file",
@@ -265,7 +238,7 @@ def simulate(
     help="The factor graph, or the paper's own solver as a baseline: slow, four lines.",
 )
 @click.option("-v", "--verbose", is_flag=True, help="Say more: all warnings, stage timings.")
-@_recording_options
+@recording_options
 def smooth(recording: Path, **options: Any) -> None:
     """Estimate the metric trajectory and the lines of a RECORDING.
 
@@ -285,8 +258,8 @@ def smooth(recording: Path, **options: Any) -> None:
 
 
 @main.command()
-@click.argument("estimate")
-@click.argument("reference")
+@click.argument("estimate", type=click.Path())
+@click.argument("reference", type=click.Path())
 @click.option("--live", is_flag=True, help="Of a run's folder, its trajectory_live.tum.")
 @click.option(
     "--align",
@@ -314,6 +287,7 @@ def smooth(recording: Path, **options: Any) -> None:
 )
 @click.option(
     "--markers",
+    type=click.Path(),
     metavar="FILE|BAG:/TOPIC",
     help="Points on true lines, CSV or YAML, named line/marker: how far a run's lines miss them.",
 )
@@ -379,3 +353,21 @@ def report(runs: tuple[Path, ...], output: Path, ground_truth: str | None) -> No
 
     write_report(runs, output, read_poses(ground_truth) if ground_truth else None)
     click.echo(str(output))
+
+
+@main.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print what makes a SHELL complete commands, options and file names.
+
+    \b
+    Examples:
+      eval "$(ruledgraph completion bash)"                      # in ~/.bashrc; zsh likewise
+      ruledgraph completion fish > ~/.config/fish/completions/ruledgraph.fish
+    """
+    from click.shell_completion import get_completion_class
+
+    complete = get_completion_class(shell)
+    if complete is None:
+        raise click.UsageError(f"this version of click knows no completion for {shell}")
+    click.echo(complete(main, {}, "ruledgraph", "_RULEDGRAPH_COMPLETE").source())

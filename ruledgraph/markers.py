@@ -76,7 +76,7 @@ def _from_csv(path: Path) -> dict[str, Node]:
 def _point(path: Path, name: str, words: Node) -> NDArray[np.float64]:
     try:
         point = np.array(words if isinstance(words, list) else [], dtype=np.float64)
-    except ValueError:
+    except (ValueError, TypeError):
         point = np.empty(0)
     if point.shape != (3,) or not np.isfinite(point).all():
         raise MarkersError(f"{path}: {name[:40]!r} must be 3 numbers, x, y, z in metres")

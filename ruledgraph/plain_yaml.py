@@ -27,20 +27,26 @@ class YamlError(RuledgraphError):
     """A file that cannot be read, is no YAML, or uses more of it than calibrations do."""
 
 
-def read_yaml(path: Path) -> Node:
+def read_yaml(path: Path, largest: int = _LARGEST_FILE) -> Node:
     """The file's first document.
+
+    Args:
+        path: of the file.
+        largest: its size, bytes; more is refused.
 
     Raises:
         YamlError: one line that names the file and, where it can, the line in it.
     """
     try:
         with path.open("rb") as file:
-            data = file.read(_LARGEST_FILE + 1)
+            data = file.read(largest + 1)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise YamlError(f"{path}: cannot be read: {reason}") from None
-    if len(data) > _LARGEST_FILE:
-        raise YamlError(f"{path}: larger than {_LARGEST_FILE // 1000} kB, not a calibration")
+    if len(data) > largest:
+        raise YamlError(
+            f"{path}: larger than {largest // 1000} kB, not a calibration or configuration"
+        )
     try:
         return _first_document(_HEADER.sub("", data.decode()))
     except UnicodeDecodeError:

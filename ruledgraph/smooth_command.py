@@ -21,7 +21,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from ruledgraph.calibration import TYPICAL_IMU_NOISE, CalibrationError, read_calibration
+from ruledgraph.calibration_choice import calibration_for
 from ruledgraph.config import load_config
 from ruledgraph.ground_truth import read_ground_truth
 from ruledgraph.measurements import Frame
@@ -29,7 +29,6 @@ from ruledgraph.pipeline import Odometry
 from ruledgraph.recording import Recording, open_recording
 from ruledgraph.runner import Progress as RunProgress
 from ruledgraph.runner import Solver, Watch, run
-from ruledgraph.sensors import Calibration
 
 _FEW_WARNINGS = 5
 
@@ -57,7 +56,8 @@ def smooth_command(
             raise click.UsageError(f"{unused}: the paper's solver has none; leave it out")
     config = load_config(config_file, settings)
     source = open_recording(recording, **choice)
-    calibration = _calibration(source, recording, calibration_files, camera, imu)
+    topic = source.image_topic.name if source.image_topic else None
+    calibration = calibration_for(recording, source.kind, topic, calibration_files, camera, imu)
     truth = read_ground_truth(ground_truth, source) if ground_truth else None
     if output is None:
         time = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
@@ -117,26 +117,6 @@ def _inputs(
         **{name.replace("_", " "): value for name, value in choice.items()},
     }
     return {name: str(value) for name, value in named.items() if value not in (None, "")}
-
-
-def _calibration(
-    source: Recording, recording: Path, files: Sequence[Path], camera: str | None, imu: str | None
-) -> Calibration:
-    paths = list(files)
-    if not paths:
-        if source.kind != "asl":
-            raise CalibrationError(
-                f"{recording}: no calibration; pass --calibration FILE, such as Kalibr's camchain "
-                "with T_cam_imu"
-            )
-        paths = [recording]
-    noise = TYPICAL_IMU_NOISE[imu] if imu else None
-    if imu:
-        click.echo(f"warning: typical IMU noise of a {imu}, not this sensor's own", err=True)
-    topic = source.image_topic
-    return read_calibration(
-        *paths, camera=camera, image_topic=topic.name if topic else None, imu_noise=noise
-    )
 
 
 def _frame_count(source: Recording) -> int | None:

@@ -49,6 +49,8 @@ class AslFolder:
     def _rows(self, name: str) -> Iterator[RawMessage]:
         table = self.root / name / "data.csv"
         where = f"{name}/{table.name}"
+        if not table.is_file():
+            raise RecordingError(f"{table} cannot be read: it is no file")
         try:
             with table.open("rb") as file:
                 for number in itertools.count(1):

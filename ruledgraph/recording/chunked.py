@@ -25,6 +25,8 @@ from ruledgraph.recording.container import MAX_BLOCK, Kind, RawMessage, Topic, m
 
 # Bytes; records outside of chunks are gathered to blocks of about this size.
 _LOOSE_BLOCK = 2**20
+# Bytes decompressed at a time.
+_PIECE = 2**22
 _UNCOMPRESSED = ("", "none")
 
 
@@ -182,12 +184,26 @@ def decompress(data: bytes, compression: str, size: int) -> bytes:
         if compression == "bz2":
             return bz2.BZ2Decompressor().decompress(data, size)
         if compression == "lz4":
-            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, size))
+            return _lz4(data, size)
         if compression == "zstd":
             return zstd.ZstdDecompressor().decompress(data, size)
     except (OSError, ValueError, RuntimeError, EOFError, zstd.ZstdError) as error:
         raise DamagedError(f"{compression} cannot decompress it: {error}") from None
     raise DamagedError(f"unknown compression {compression!r}")
+
+
+def _lz4(data: bytes, size: int) -> bytes:
+    """Piece by piece: for the longest result asked for, lz4 would allocate all of it at once."""
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    pieces, found = [], 0
+    while found < size and not decompressor.eof:
+        piece = decompressor.decompress(data, min(_PIECE, size - found))
+        if not piece:
+            break  # cut
+        pieces.append(piece)
+        found += len(piece)
+        data = b""
+    return b"".join(pieces)
 
 
 def string(data: bytes) -> str:

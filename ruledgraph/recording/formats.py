@@ -39,6 +39,8 @@ def _open(path: Path) -> Container:
             f"{path} is no recording: it holds neither a ROS 2 bag (metadata.yaml, *.db3, *.mcap) "
             "nor mav0/cam0/data.csv"
         )
+    if not path.is_file():
+        raise RecordingError(f"{path} is no recording: it is a device or a pipe, not a file")
     with path.open("rb") as file:
         magic = file.read(16)
     if not magic:

@@ -24,7 +24,7 @@ from ruledgraph.sensors import CameraModel
 Grey = NDArray[np.uint8]
 _Pixels = NDArray[Any]
 
-_MOST_PIXELS = 2**28
+_MOST_PIXELS = 2**25
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8\xff"
 
@@ -87,6 +87,8 @@ def read_image_file(path: Path) -> bytes:
         UnreadableMessageError: when there is none.
     """
     try:
+        if not path.is_file():  # nor a device or a pipe, which may never end
+            raise UnreadableMessageError("its image file is missing")
         if path.stat().st_size > MAX_BLOCK:
             raise UnreadableMessageError("an image file is too large")
         return path.read_bytes()

@@ -1,8 +1,11 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""`ruledgraph info`: what a recording holds, what would be used of it, what is wrong with it."""
+"""`ruledgraph info`: what a recording holds, what would be used of it, what is wrong with it.
 
-from collections.abc import Collection, Iterator
+`doctor` and `turning` judge it, and the calibration that is to go with it.
+"""
+
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,14 +14,19 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ruledgraph.measurements import Gap
 from ruledgraph.recording.container import Container, RawMessage, Topic
+from ruledgraph.recording.doctor import Finding, Observations, examine, examine_calibration
 from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.formats import open_container
 from ruledgraph.recording.images import Grey, decode_image
 from ruledgraph.recording.messages import UnreadableMessageError, stamp_of
 from ruledgraph.recording.recording import Recording
 from ruledgraph.recording.report import StampRange
+from ruledgraph.recording.timing_plot import check_empty, draw_timing
 from ruledgraph.recording.topics import ImuTopics, choose_image_topic, choose_imu_topics
+from ruledgraph.recording.turning import examine_turning
+from ruledgraph.sensors import Calibration
 
 KINDS = {
     "rosbag1": "ROS 1 bag",
@@ -81,6 +89,10 @@ class RecordingInfo:
     """What stands in the way of using it."""
     warnings: list[str] = field(default_factory=list)
     bytes_lost: int = 0
+    findings: list[Finding] = field(default_factory=list)
+    """Whether it is good for odometry."""
+    plot: str | None = None
+    """Where the picture is."""
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON takes it."""
@@ -96,15 +108,31 @@ def inspect_recording(
     accelerometer_topic: str | None = None,
     start: float | None = None,
     duration: float | None = None,
+    calibrate: Callable[[str, str | None], Calibration | None] | None = None,
+    plots: Path | None = None,
 ) -> RecordingInfo:
     """Read every stamp and IMU sample of a recording, and its first images.
 
-    Arguments as of `open_recording`. A recording without camera or IMU is described too, with
-    what is missing.
+    The other arguments as of `open_recording`. A recording without camera or IMU is described too,
+    with what is missing.
+
+    Args:
+        path: the recording.
+        image_topic: the camera's.
+        imu_topic: the IMU's.
+        gyroscope_topic: the gyroscope's.
+        accelerometer_topic: the accelerometer's.
+        start: s after the beginning.
+        duration: s.
+        calibrate: reads the calibration that is to go with a kind of recording and an image topic.
+        plots: a new folder for a picture of the timing.
 
     Raises:
         RecordingError: when it cannot be opened.
+        RuledgraphError: what `calibrate` raises.
     """
+    if plots is not None:
+        check_empty(plots)
     container = _Observed(open_container(path))
     info = RecordingInfo(str(path), container.kind)
     camera: Topic | None = None
@@ -118,11 +146,13 @@ def inspect_recording(
     except RecordingError as error:
         info.missing.append(str(error))
 
+    calibration = calibrate(container.kind, camera.name if camera else None) if calibrate else None
     recording = Recording(container, camera, imu, start, duration)
-    images = _FirstImages()
+    images, seen = _FirstImages(), Observations()
     try:
-        for _ in recording.stream_with(images):
-            pass
+        for measurement in recording.stream_with(images):
+            if not isinstance(measurement, Gap):
+                seen.add(measurement)
     except RecordingError as error:
         info.missing.append(str(error))
     container.finish()
@@ -141,6 +171,15 @@ def inspect_recording(
         info.overlap = max(0, min(report.frames.last, report.imu.last) - begin) * 1e-9
     info.warnings = report.warnings
     info.bytes_lost = report.bytes_lost
+    info.findings = list(examine(seen, calibration.imu_noise if calibration else None))
+    if calibration is not None:
+        info.findings += examine_calibration(calibration, info.image_size)
+        if not info.missing:
+            # From where on it turns most.
+            stretch = Recording(open_container(path), camera, imu, seen.liveliest(start or 0.0))
+            info.findings += examine_turning(stretch.stream(), calibration)
+    if plots is not None:
+        info.plot = str(draw_timing(seen, plots))
     return info
 
 
@@ -183,6 +222,10 @@ def print_info(info: RecordingInfo) -> None:
         line("Missing", text, "bold red")
     for text in info.warnings:
         line("Warning", text, "yellow")
+    for finding in sorted(info.findings, key=lambda finding: not finding.good):
+        line(*("Good", finding.text) if finding.good else ("Check", finding.text, "yellow"))
+    if info.plot:
+        line("Plot", info.plot)
 
 
 class _Observed:

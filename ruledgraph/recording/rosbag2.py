@@ -7,11 +7,11 @@ import tempfile
 import weakref
 from collections.abc import Collection, Iterator
 from pathlib import Path, PurePath
+from typing import Any, BinaryIO
 
 from backports import zstd
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
+from ruledgraph.plain_yaml import YamlError, read_yaml
 from ruledgraph.recording.chunked import DamagedError, decompress
 from ruledgraph.recording.container import (
     MAX_BLOCK,
@@ -31,6 +31,11 @@ METADATA = "metadata.yaml"
 _LONGEST_MAGIC = 16
 # Bytes decompressed at a time.
 _PIECE = 2**20
+# A compressed file that unpacks to more than so many times its size, and a few hundred MB, is none
+# of sensor data: it would fill the disk.
+_MOST_GROWTH, _MOST_GROWTH_OF_SMALL = 100, 2**28
+# Bytes; it has some hundreds for a topic.
+_LARGEST_METADATA = 2_000_000
 
 
 class Rosbag2:
@@ -87,10 +92,11 @@ class Rosbag2:
         decompressor = zstd.ZstdDecompressor()
         try:
             with file.open("rb") as source, target.open("wb") as sink:
-                while data := source.read(_PIECE):
-                    sink.write(decompressor.decompress(data, _PIECE))
-                    while not (decompressor.needs_input or decompressor.eof):
-                        sink.write(decompressor.decompress(b"", _PIECE))
+                most = max(_MOST_GROWTH * file.stat().st_size, _MOST_GROWTH_OF_SMALL)
+                for piece in _unpacked(source, decompressor):
+                    sink.write(piece)
+                    if sink.tell() > most:
+                        raise EOFError(f"it unpacks to more than {most // 2**20} MB")
             damage = "" if decompressor.eof else "it ends too early"
         except (zstd.ZstdError, EOFError) as error:
             damage = str(error)
@@ -99,14 +105,14 @@ class Rosbag2:
         return target
 
     def _check_metadata(self, path: Path, found: set[str]) -> None:
-        if not path.exists():
+        if not path.is_file():
             self.damage[f"{METADATA} is missing: the recording was not closed in order"] = 0
             return
         try:
-            content = YAML(typ="safe").load(path.read_bytes())
+            content: Any = read_yaml(path, _LARGEST_METADATA)
             listed = content["rosbag2_bagfile_information"]["relative_file_paths"]
             missing = {PurePath(name).name for name in listed} - found
-        except (YAMLError, UnicodeDecodeError, LookupError, TypeError, ValueError) as error:
+        except (YamlError, LookupError, TypeError) as error:
             self.damage[f"{METADATA} cannot be read ({type(error).__name__})"] = 0
             return
         for name in sorted(missing):
@@ -115,6 +121,14 @@ class Rosbag2:
     def _collect_damage(self) -> None:
         for part in self._parts:
             self.damage.update(part.damage)
+
+
+def _unpacked(source: BinaryIO, decompressor: zstd.ZstdDecompressor) -> Iterator[bytes]:
+    """What a file decompresses to, piece by piece."""
+    while data := source.read(_PIECE):
+        yield decompressor.decompress(data, _PIECE)
+        while not (decompressor.needs_input or decompressor.eof):
+            yield decompressor.decompress(b"", _PIECE)
 
 
 def storage_files(folder: Path) -> list[Path]:

@@ -28,6 +28,7 @@ class SqliteFile:
             self.damage[f"{path.name} was cut: what follows is lost"] = self._truncated
         try:
             with closing(self._connect()) as database:
+                self._check_tables(database)
                 rows = database.execute(
                     "SELECT id, name, type, serialization_format FROM topics"
                 ).fetchall()
@@ -51,6 +52,17 @@ class SqliteFile:
         self.topics = merge_topics(
             [t._replace(message_count=counts.get(i, 0)) for i, t in topics.items()]
         )
+
+    def _check_tables(self, database: sqlite3.Connection) -> None:
+        """Views and computed columns are programs: they may run without end."""
+        for name in ("topics", "messages"):
+            found = database.execute(
+                "SELECT type, sql FROM sqlite_master WHERE name = ?", (name,)
+            ).fetchone()
+            kind, statement = found or ("", "")
+            words = str(statement).upper()
+            if kind != "table" or " VIRTUAL " in words or " AS " in words.replace("(", " "):
+                raise RecordingError(f"{self.path.name} is no ROS 2 bag: {name} is no table of one")
 
     def messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
         """See `Container`; by the order of reception, in a damaged file by that of writing."""

@@ -346,6 +346,7 @@ def test_markers_in_files(file):
         ("m.csv", "# nothing\n", ": holds no markers"),
         ("m.yaml", "a: 123\n", ": 'a' must be 3 numbers, x, y, z in metres"),
         ("m.yaml", "a: [1, 2, nan]\n", ": 'a' must be 3 numbers, x, y, z in metres"),
+        ("m.yaml", "a: [1, {b: 2}, 3]\n", ": 'a' must be 3 numbers, x, y, z in metres"),
         ("m.yaml", "a: [1, [2], 3]\n", ": 'a' must be 3 numbers, x, y, z in metres"),
         ("m.yaml", "just words\n", ": holds no markers"),
         ("m.yaml", "a: [1\n", ":2: not valid YAML: "),

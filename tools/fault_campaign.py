@@ -1,0 +1,337 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Faults of sensors and calibration against the odometry: does it stand, does it tell?
+
+    python tools/fault_campaign.py --data ../shared/data/euroc_MH_01_30s --out campaign.jsonl
+    python tools/fault_campaign.py --only "lens covered"
+    python tools/fault_campaign.py --list
+
+Every case runs in a process of its own with a time limit. A row has the ATE (evo's, SE(3)-aligned,
+of the live trajectory, mm); the worst live error, in the world of each segment's beginning; `3s`,
+that error by the three sigmas that were reported with it (the largest; above 1 is beyond; 2.9 % of
+all may be, were all well), and the shares of frames: beyond 3 sigma, and `untold`: beyond 3 sigma,
+wrong by more than 30 mm, and not called dead reckoning. The verdict:
+
+- good: no worse than three times the clean run and 10 mm;
+- worse: off, and its covariance says so;
+- told: off beyond what its covariance says, but no more than 5 % of the frames more than in the
+  clean run are untold;
+- UNTOLD: more than that;
+- none: no estimate, and a warning says why;
+- CRASH, HANG.
+
+Rows are kept in --out as they come; a run that was interrupted goes on.
+"""
+
+import json
+import multiprocessing
+import sys
+import time
+import traceback
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import click
+import gtsam
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import fault_scenes
+from fault_cases import CLEAN, Case, cases
+from ruledgraph.evaluation import accuracy, matched
+from ruledgraph.ground_truth import GroundTruth
+from ruledgraph.measurements import Gap, Measurement
+from ruledgraph.pipeline import Estimate, Odometry
+from ruledgraph.recording import Report
+from ruledgraph.recording.inertial import mark_gaps
+from ruledgraph.sensors import FloatArray
+from ruledgraph.trajectory import Trajectory
+
+# What ground truth is uncertain by, m: added to the covariance.
+_TRUTH_SIGMA = 0.003
+# Errors below this (m) are not held against an estimate, whatever its covariance.
+_UNTOLD_ERROR = 0.03
+_UNTOLD_SHARE = 0.05
+_FEWEST = 3
+# How much of a segment says where it began, s.
+_BEGINNING = 0.3
+# Where saturated sensors end on the recordings that get all faults, rad/s and m/s^2.
+_LIMITS = {"simulated": (0.25, 10.5), "real": (0.45, 9.0)}
+
+
+@dataclass
+class Segment:
+    """The estimates between a start and a break."""
+
+    live: list[Estimate] = field(default_factory=list)
+    smoothed: list[Estimate] = field(default_factory=list)
+
+
+def run(case: Case, source: fault_scenes.Source) -> dict[str, Any]:
+    """Run a case; a row of figures."""
+    recording, truth = source.open(), source.truth
+    calibration = case.calibrate(source.calibration)
+    stream: Iterable[Measurement] = case.apply(recording.stream())
+    if not case.live:
+        stream = mark_gaps((m for m in stream if not isinstance(m, Gap)), Report())
+    odometry = Odometry(calibration)
+    segments: list[Segment] = []
+    window, started = None, time.perf_counter()
+    for measurement in stream:
+        odometry.add(measurement)
+        live = odometry.take_live()
+        if odometry.window is not window:
+            _take(odometry, segments)
+            window = odometry.window
+            segments.append(Segment())
+        if live:
+            segments[-1].live += live
+        _take(odometry, segments)
+        odometry.take_lines()
+    odometry.finish()
+    _take(odometry, segments)
+    estimates = [estimate for segment in segments for estimate in segment.live]
+    row: dict[str, Any] = {
+        "seconds": time.perf_counter() - started,
+        "frames": recording.report.frames.count,
+        "estimated": len(estimates),
+        "segments": sum(bool(segment.live) for segment in segments),
+        "recoveries": len(odometry.recoveries),
+        "status": dict(Counter(estimate.status for estimate in estimates)),
+        "warnings": dict(Counter(map(_kind, odometry.warnings))),
+        "first warning": next(iter(odometry.warnings), ""),
+        "first recovery": next(iter(odometry.recoveries), ""),
+    }
+    if len(estimates) < _FEWEST:
+        return row
+    found = accuracy(_trajectory(estimates), truth)
+    row |= {"ate": 1e3 * found.ate_rmse, "path": found.path_length}
+    return row | _honesty([s for s in segments if len(s.live) >= _FEWEST], truth)
+
+
+def _take(odometry: Odometry, segments: list[Segment]) -> None:
+    smoothed = odometry.take_smoothed()
+    if smoothed and segments:
+        segments[-1].smoothed += smoothed
+
+
+def _trajectory(estimates: Sequence[Estimate]) -> Trajectory:
+    return Trajectory.from_poses([e.stamp for e in estimates], [e.world_T_body for e in estimates])
+
+
+def _kind(warning: str) -> str:
+    for kind in ("ran away", "no start", "no IMU"):
+        if kind in warning:
+            return kind
+    return warning[:40]
+
+
+def _honesty(segments: Sequence[Segment], truth: GroundTruth) -> dict[str, float]:
+    """Errors and the covariance that came with them."""
+    errors, ratios, told = [], [], []
+    for segment in segments:
+        world_T_true = _beginning(segment, truth)
+        kept, true = matched(_trajectory(segment.live), truth)
+        by_stamp = {estimate.stamp: estimate for estimate in segment.live}
+        estimates = [by_stamp[stamp] for stamp in kept.stamps.tolist()]
+        for estimate, place in zip(estimates, true.positions, strict=True):
+            pose = estimate.world_T_body
+            error = pose.translation() - world_T_true.transformFrom(place)
+            errors.append(float(np.linalg.norm(error)))
+            ratios.append(_over_three_sigma(pose.rotation().matrix().T @ error, estimate))
+            told.append(estimate.status == "dead reckoning")
+    e, r, t = np.array(errors), np.array(ratios), np.array(told)
+    return {
+        "worst": 1e3 * float(e.max()),
+        "3s": float(r.max()),
+        "beyond": float(np.mean(r > 1.0)),
+        "untold": float(np.mean((r > 1.0) & (e > _UNTOLD_ERROR) & ~t)),
+    }
+
+
+def _beginning(segment: Segment, truth: GroundTruth) -> gtsam.Pose3:
+    """Place and yaw of the true world in the segment's, from its first smoothed estimates.
+
+    The estimate is most certain there, and the truth's own noise is averaged.
+    """
+    first = segment.smoothed[0].stamp
+    start = [e for e in segment.smoothed if e.stamp <= first + _BEGINNING * 1e9]
+    start = start if len(start) >= _FEWEST else segment.smoothed[:_FEWEST]
+    ours, true = matched(_trajectory(start), truth)
+    if true.quaternions is None:
+        raise ValueError("ground truth without orientations")
+    turn = heading(*(Rotation.from_quat(t.quaternions).as_matrix() for t in (ours, true)))
+    shift = ours.positions.mean(axis=0) - turn.rotate(true.positions.mean(axis=0))
+    return gtsam.Pose3(turn, shift)
+
+
+def heading(ours: FloatArray, true: FloatArray) -> gtsam.Rot3:
+    """The turn about the vertical that best takes the true attitudes, (N, 3, 3), onto ours.
+
+    Unlike a difference of yaw angles it exists for any mounting of the body.
+    """
+    M = np.einsum("nij,nkj->ik", ours, true)
+    return gtsam.Rot3.Yaw(float(np.arctan2(M[1, 0] - M[0, 1], M[0, 0] + M[1, 1])))
+
+
+def _over_three_sigma(in_body: FloatArray, estimate: Estimate) -> float:
+    covariance = estimate.covariances[0][3:, 3:] + np.eye(3) * _TRUTH_SIGMA**2
+    return float(np.sqrt(in_body @ np.linalg.solve(covariance, in_body)) / 3.0)
+
+
+def verdict(row: dict[str, Any], clean: dict[str, Any] | None) -> str:
+    """See the head of this file."""
+    if "failure" in row:
+        return str(row["failure"])
+    if "ate" not in row:
+        return "none" if row["warnings"] else "NONE, NOT TOLD"
+    faulty = clean is not None and row["fault"] != CLEAN
+    if row["untold"] > _UNTOLD_SHARE + (clean.get("untold", 0.0) if clean and faulty else 0.0):
+        return "UNTOLD"
+    best = clean["ate"] if clean and "ate" in clean else 0.0
+    if row["ate"] <= 3.0 * best + 10.0:
+        return "good"
+    return "told" if row["beyond"] > _UNTOLD_SHARE else "worse"
+
+
+def _attempt(case: Case, source: fault_scenes.Source, answer: Connection) -> None:
+    try:
+        answer.send(run(case, source))
+    except Exception:  # noqa: BLE001 - whatever it is, it is the finding
+        answer.send({"failure": "CRASH", "traceback": traceback.format_exc()})
+
+
+def guarded(case: Case, source: fault_scenes.Source, limit: float) -> dict[str, Any]:
+    """Run a case in a process of its own, for at most `limit` s."""
+    context = multiprocessing.get_context("fork")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_attempt, args=(case, source, theirs), daemon=True)
+    process.start()
+    theirs.close()
+    try:
+        if not ours.poll(limit):
+            process.kill()
+            return {"failure": "HANG", "traceback": f"still at it after {limit} s"}
+        return dict(ours.recv())
+    except EOFError:
+        process.join()
+        return {"failure": "CRASH", "traceback": f"exit code {process.exitcode}"}
+    finally:
+        process.join()
+
+
+def all_cases(data: Path | None, cache: Path, seconds: float) -> list[tuple[Case, Any]]:
+    """Cases, and what opens their recordings."""
+    found: list[tuple[Case, Any]] = []
+    for name in fault_scenes.NAMES:
+        chosen = list(cases(name, _LIMITS[name])) if name in _LIMITS else [Case(name, CLEAN)]
+        found += [(case, lambda n=name: fault_scenes.cached(n, cache)) for case in chosen]
+    if data is not None:
+        stretches = {"real": 0.0, "real, from mid-air": 7.3, "real, long rest": 14.0}
+        for name, start in stretches.items():
+            chosen = list(cases(name, _LIMITS[name])) if name in _LIMITS else [Case(name, CLEAN)]
+            found += [(c, lambda s=start: fault_scenes.real(data, s, seconds)) for c in chosen]
+    return found
+
+
+_COLUMNS = {
+    "fault": "{fault}",
+    "verdict": "{verdict}",
+    "frames": "{estimated}/{frames}",
+    "ATE": "{ate:.1f}",
+    "worst": "{worst:.0f}",
+    "3s": "{3s:.1f}",
+    "beyond": "{beyond:.0%}",
+    "untold": "{untold:.0%}",
+    "status": "{status}",
+    "segments": "{segments}",
+    "recov.": "{recoveries}",
+    "warnings": "{warnings}",
+}
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """A text table: a block for each recording."""
+    lines: list[list[str]] = [list(_COLUMNS)]
+    clean = {row["recording"]: row for row in rows if row["fault"] == CLEAN}
+    for row in rows:
+        shown = dict(row, verdict=verdict(row, clean.get(row["recording"])))
+        status = row.get("status", {})
+        words = ((w.replace("dead reckoning", "dr"), n) for w, n in status.items())
+        shown["status"] = " ".join(f"{word[:5]} {n}" for word, n in words)
+        shown["warnings"] = " ".join(f"{n}x {w}" for w, n in row.get("warnings", {}).items())
+        shown["fault"] = f"{row['recording']}: {row['fault']}"
+        lines.append([_cell(form, shown) for form in _COLUMNS.values()])
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+        for line in lines
+    )
+
+
+def _cell(form: str, row: dict[str, Any]) -> str:
+    try:
+        return form.format(**row)
+    except KeyError:
+        return "-"
+
+
+@click.command(help=__doc__)
+@click.option("--data", type=click.Path(exists=True, path_type=Path), help="MH_01_30s's folder.")
+@click.option("--seconds", default=10.0, show_default=True, help="Of the real recording.")
+@click.option("--only", multiple=True, help="Cases whose name contains this; repeat it for more.")
+@click.option("--list", "listed", is_flag=True, help="Show all cases.")
+@click.option("--limit", default=180.0, show_default=True, help="Of a case, s.")
+@click.option(
+    "--cache",
+    type=click.Path(path_type=Path),
+    default=Path(".fault_cache"),
+    show_default=True,
+    help="Where rendered recordings are kept.",
+)
+@click.option("--out", type=click.Path(path_type=Path), help="Rows, JSON lines.")
+def main(
+    data: Path | None,
+    seconds: float,
+    only: tuple[str, ...],
+    listed: bool,
+    limit: float,
+    cache: Path,
+    out: Path | None,
+) -> None:
+    """Command line."""
+    chosen = [
+        (case, source)
+        for case, source in all_cases(data, cache, seconds)
+        if not only or case.fault == CLEAN or any(word in case.key for word in only)
+    ]
+    if listed:
+        click.echo("\n".join(case.key for case, _ in chosen))
+        return
+    cache.mkdir(parents=True, exist_ok=True)
+    rows: dict[str, dict[str, Any]] = {}
+    if out is not None and out.exists():
+        for line in out.read_text(encoding="utf-8").splitlines():
+            row = json.loads(line)
+            rows[f"{row['recording']}: {row['fault']}"] = row
+    for case, source in chosen:
+        if case.key in rows:
+            continue
+        row = {"recording": case.recording, "fault": case.fault}
+        row |= guarded(case, source(), limit)
+        rows[case.key] = row
+        click.echo(f"{case.key} {row.get('ate', '')} {row.get('failure', '')}", err=True)
+        if out is not None:
+            with out.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
+    click.echo(table([rows[case.key] for case, _ in chosen]))
+    if any("failure" in rows[case.key] for case, _ in chosen):
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()
