@@ -17,6 +17,8 @@ Plucker: TypeAlias = tuple[FloatArray, FloatArray]
 
 # Share of a line's sightings whose ends may lie beyond the reported ones, and how many are kept.
 _STRAY, _KEPT = 0.1, 200
+# A direction shorter than this, of a unit Plucker pair, belongs to a line at infinity.
+_INFINITE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +75,14 @@ class GraphLine:
 
     def extend(self, world_T_cam: gtsam.Pose3, points: FloatArray) -> None:
         """Take note of how far the line was seen, points (N, 2) being in order along it."""
-        try:
-            foot, _ = self.chart.closest_point(self.delta)
-        except FactorError:
-            return  # at infinity
-        direction, _ = self.chart.direction(self.delta)
+        moment, direction = np.split(self.plucker[0], 2)
+        length = float(np.linalg.norm(direction))
+        if length < _INFINITE:
+            return
+        direction = direction / length
+        foot = np.cross(direction, moment) / length
+        # Counted from the point next to the anchor, as by `LineChart.end_points`.
+        foot += direction * (direction @ (self.chart.world_T_anchor.translation() - foot))
         rotation, centre = world_T_cam.rotation().matrix(), world_T_cam.translation()
         reach: list[float] = []
         for point in points[[0, -1]]:

@@ -32,6 +32,8 @@ from ruledgraph.runner import Solver, Watch, run
 
 _FEW_WARNINGS = 5
 
+_SWITCH_INTERVAL = 1e-4
+
 
 def smooth_command(
     recording: Path,
@@ -74,6 +76,8 @@ def smooth_command(
         from ruledgraph.rerun_log import RerunLog
 
         log = RerunLog(rerun, calibration)
+    # The thread that reads ahead is kept waiting for so long each time it comes back from OpenCV.
+    sys.setswitchinterval(_SWITCH_INTERVAL)
     watchers = [watcher.watch for watcher in (sketches, log) if watcher is not None]
     with _progress_bar(frames) as show, log or nullcontext():
         summary = run(

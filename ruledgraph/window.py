@@ -47,7 +47,7 @@ _NEW_LINE = np.array([1.0, 1.0, 0.05, 0.05])
 # one this closely.
 _MOVED, _SAME_LINE = 0.05, 1e-4
 # Lines whose covariance is computed anew at a knot; each takes as long as ten factors.
-_COVARIANCES = 6
+_COVARIANCES = 4
 # Where a window is rebuilt its first state is trusted this much less than it said.
 _REBUILD_INFLATION = 2.0
 

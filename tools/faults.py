@@ -119,7 +119,7 @@ def shifted_frames(seconds: float) -> Fault:
         # Messages wait until none with an earlier stamp can follow.
         waiting: list[Measurement] = []
         for m in measurements:
-            moved = m._replace(stamp=m.stamp + shift) if isinstance(m, Frame) else m
+            moved = replace(m, stamp=m.stamp + shift) if isinstance(m, Frame) else m
             waiting.append(moved)
             done = _stamp(m) - abs(shift)
             waiting.sort(key=_stamp)
@@ -156,7 +156,12 @@ def repeated(kind: type[Frame] | type[ImuSample], start: float, length: float) -
         last: Frame | ImuSample | None = None
         for time, m in _timed(measurements):
             if isinstance(m, kind) and last is not None and start <= time < start + length:
-                yield last._replace(stamp=_stamp(m))
+                again = _stamp(m)
+                yield (
+                    replace(last, stamp=again)
+                    if isinstance(last, Frame)
+                    else last._replace(stamp=again)
+                )
                 continue
             if isinstance(m, (Frame, ImuSample)) and isinstance(m, kind):
                 last = m
