@@ -17,12 +17,12 @@ Times are those of the frames: `time`, since the first one, and `stamp`, the rec
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
 
+from ruledgraph.closing import Closing
 from ruledgraph.errors import RuledgraphError
 from ruledgraph.lines import LineEstimate
 from ruledgraph.measurements import Frame
@@ -48,7 +48,7 @@ class RerunError(RuledgraphError):
     """Rerun is not installed, or its file cannot be written."""
 
 
-class RerunLog:
+class RerunLog(Closing):
     """Writes an .rrd file.
 
     Args:
@@ -220,17 +220,6 @@ class RerunLog:
         self._stream.disconnect()
         if self._first is None:
             self._path.unlink(missing_ok=True)
-
-    def __enter__(self) -> "RerunLog":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def _transform(rr: Any, pose: Any) -> Any:

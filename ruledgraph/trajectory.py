@@ -5,13 +5,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 import gtsam
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from ruledgraph.closing import Closing
 from ruledgraph.errors import RuledgraphError
 from ruledgraph.text_table import TableError, read_table
 
@@ -116,7 +116,7 @@ class Trajectory:
                 writer.append_row(*row)
 
 
-class TumWriter:
+class TumWriter(Closing):
     """Writes a TUM file pose by pose; what was appended is on disk whatever comes after.
 
     Raises:
@@ -157,17 +157,6 @@ class TumWriter:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
-
-    def __enter__(self) -> "TumWriter":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def read_tum(path: str | Path) -> Trajectory:
