@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 
 from paper_figures import ROWS, TITLES, Row
 from ruledgraph.errors import RuledgraphError
-from ruledgraph.evaluation import axis_differences, point_line_distances
+from ruledgraph.evaluation import accuracy, axis_differences, point_line_distances
 from ruledgraph.ground_truth import GroundTruth
 from ruledgraph.measurements import ImuSample
 from ruledgraph.paper_solver import PaperOdometry
@@ -126,7 +126,7 @@ class _Taken:
     def figures(
         self, solver: str, simulation: Simulation, truth: GroundTruth, with_lines: bool
     ) -> dict[str, Any]:
-        """Mean and deviation by axis, and of the distances of two lines, m."""
+        """Mean and deviation by axis, of the distances of two lines, and ATE (RMSE), m."""
         columns = {"paper": self.smoothed} if solver == "paper" else {}
         if solver == "graph":
             columns = {"live": self.live, "smoothed": self.smoothed}
@@ -138,6 +138,7 @@ class _Taken:
                 _trajectory(estimates), truth, simulation.calibration.body_T_cam
             )
             figures[column] = np.stack([found.mean, found.std], axis=1).ravel().tolist()
+            figures[f"{column} ate"] = accuracy(_trajectory(estimates), truth).ate_rmse
         if with_lines:
             figures["lines"] = _line_figures(self.lines, self.smoothed, simulation)
         return figures
@@ -298,7 +299,35 @@ def _summary(cases: Sequence[Case], results: Mapping[str, dict[str, Any]]) -> st
                     errors.append(float(np.sqrt(np.mean(np.sum(found[:, :6] ** 2, axis=1)))))
             cells.append(f"{np.median(errors):.4f} / {max(errors):.4f}" if errors else "-")
         lines.append(_cells(cells))
+    lines += ["", *_goals(cases, results)]
     return "\n".join(lines)
+
+
+def _goals(cases: Sequence[Case], results: Mapping[str, dict[str, Any]]) -> Iterator[str]:
+    rows = list(dict.fromkeys(case.row for case in cases))
+    for column in ("live", "smoothed"):
+        fifth, axes, below, both = 0, 0, 0, 0
+        ate = []
+        for row in rows:
+            found = _figures(row, cases, results, column)
+            if not len(found):
+                continue
+            ours = np.abs(found).mean(axis=0)[:6:2]
+            fifth += int(np.sum(ours <= np.abs(row.printed[:6:2]) / 5.0))
+            axes += 3
+            of_row = [results.get(case.key("graph"), {}) for case in cases if case.row == row]
+            ate += [result[f"{column} ate"] for result in of_row if column in result]
+            theirs = _figures(row, cases, results, "paper")
+            if len(theirs):
+                both += 1
+                size = np.abs(theirs).mean(axis=0)[:6:2]
+                below += bool(np.linalg.norm(ours) < np.linalg.norm(size))
+        if axes:
+            yield (
+                f"- {COLUMNS[column]}: mean error at most a fifth of the printed one on {fifth} of "
+                f"{axes} axes; smaller than the paper's solver's in {below} of {both} rows; ATE "
+                f"(RMSE) {1e3 * np.median(ate):.1f} mm median, {1e3 * max(ate):.1f} mm worst"
+            )
 
 
 def _read(path: Path | None) -> dict[str, dict[str, Any]]:
