@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 
 from ruledgraph.edges.gradient import Gradient
 
+MAX_IMU_GAP = 500_000_000
+"""ns; across a longer silence of the IMU its samples are neither interpolated nor integrated."""
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:

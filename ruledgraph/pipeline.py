@@ -20,9 +20,10 @@ from ruledgraph.errors import RuledgraphError
 from ruledgraph.inertial import ImuBuffer
 from ruledgraph.initialize import Refusal, is_still, start_at_rest, start_in_motion
 from ruledgraph.lines import GraphLine, LineEstimate
-from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
+from ruledgraph.measurements import MAX_IMU_GAP, Frame, Gap, ImuSample, Measurement
 from ruledgraph.prediction import by_estimate, by_rotation
 from ruledgraph.sensors import Calibration, FloatArray
+from ruledgraph.timing import Messages, Timing
 from ruledgraph.tracks import Tracker
 from ruledgraph.window import Interval, Start, Window
 
@@ -36,6 +37,8 @@ _EARLY = 0.004
 _DETECT_INTERVAL = 0.1
 # With fewer lines of the graph in view for so long (s), the IMU alone carries the estimate.
 _FEWEST_LINES, _LINES_MISSING = 2, 0.3
+# A shorter repetition of one reading is not worth a warning, s.
+_LEAST_HANG = 0.05
 # Measurements are kept this much longer than the window, s.
 _SPARE = 0.5
 
@@ -82,10 +85,10 @@ class Odometry:
         edges = self.config.edges
         self.tracker = Tracker(calibration.camera, edges)
         self.window: Window | None = None
-        self.warnings: list[str] = []
-        self.recoveries: list[str] = []
-        self.timings: dict[str, list[float]] = defaultdict(list)
-        """Seconds that each stage took, a value each time it ran."""
+        self.warnings = Messages()
+        self.recoveries = Messages()
+        self.timings: dict[str, Timing] = defaultdict(Timing)
+        """How long each stage took."""
         self._live: list[Estimate] = []
         self._smoothed: list[Estimate] = []
         self._lines: list[LineEstimate] = []
@@ -95,6 +98,7 @@ class Odometry:
         self._imu = ImuBuffer()
         self._origin: int | None = None
         self._waiting: deque[Frame] = deque()
+        self._image: Frame | None = None
         self._frames: deque[_Seen] = deque()
         self._last_attempt = self._last_detection = self._last_lines = -np.inf
         self._state = gtsam.NavState()
@@ -118,7 +122,15 @@ class Odometry:
 
     def add_imu(self, sample: ImuSample) -> None:
         """An IMU sample; the frames up to its time are processed."""
-        self._imu.append(self._seconds(sample.stamp), sample.gyroscope, sample.accelerometer)
+        time, before = self._seconds(sample.stamp), self._imu.latest
+        hung = self._imu.append(time, sample.gyroscope, sample.accelerometer)
+        if hung > _LEAST_HANG:
+            self.warnings.append(
+                f"the IMU hung at {before:.2f} s: the same reading for {hung:.2f} s is not used"
+            )
+        if self._imu.latest - before > MAX_IMU_GAP * 1e-9 and before > -np.inf:
+            self._break(Gap(sample.stamp - round((time - before) * 1e9), sample.stamp))
+            self._imu.append(time, sample.gyroscope, sample.accelerometer)
         while self._waiting and self._imu.latest >= self._frame_time(self._waiting[0]):
             with self._timed("frame"):
                 self._process(self._waiting.popleft())
@@ -136,6 +148,16 @@ class Odometry:
                 f"a frame is {width}x{height}, but the calibration is for {camera.width}x"
                 f"{camera.height}; use the calibration of this camera and resolution"
             )
+        if self._image is not None and _same(frame, self._image):
+            self.warnings.once(
+                "hangs",
+                f"the camera hangs at {self._frame_time(frame):.2f} s: images that repeat the one "
+                "before are not used",
+            )
+            # It shows nothing; a frame it is all the same.
+            frame = Frame(frame.stamp, np.zeros_like(frame.image))
+        else:
+            self._image = frame
         self._waiting.append(frame)
 
     def finish(self) -> None:
@@ -146,7 +168,8 @@ class Odometry:
             self._hand_out(self.window, interval)
         self._hand_out_lines([*self.window.retired, *self.window.lines.values()])
         self._ended = self.window.newest.state.pose()
-        self.recoveries += self.window.recoveries
+        for recovery in self.window.recoveries:
+            self.recoveries.append(recovery)
         self.window = None
 
     # -- output ----------------------------------------------------------------------------------
@@ -178,6 +201,11 @@ class Odometry:
         if not self._imu.covers(seen.time, seen.time):
             return  # before the first IMU sample
         if self._frames and seen.time <= self._frames[-1].time:
+            if seen.time < self._frames[-1].time:
+                self.warnings.once(
+                    "late",
+                    f"a frame at {seen.time:.2f} s came after a later one: such are not used",
+                )
             return
         with self._timed("gradient"):
             gradient = frame.gradient
@@ -269,6 +297,8 @@ class Odometry:
         if self._is_still(seen.time):
             used = [seen]
             result = start_at_rest(self._imu, seen.stamp, seen.time - _REST, seen.time, self.config)
+        elif self._imu.holes(seen.time - length, seen.time):
+            return False
         elif seen.time - self._frames[0].time >= length - _EARLY:
             used = [f for f in self._frames if f.time >= seen.time - length - _EARLY]
             stamps, times = [f.stamp for f in used], [f.time for f in used]
@@ -312,7 +342,8 @@ class Odometry:
             )
         self._end_segment()
         self._imu.clear()
-        self._waiting.clear()
+        stop = self._seconds(gap.stop)
+        self._waiting = deque(f for f in self._waiting if self._frame_time(f) >= stop)
 
     def _end_segment(self) -> None:
         self.finish()
@@ -415,7 +446,11 @@ class Odometry:
     def _timed(self, stage: str) -> Iterator[None]:
         start = clock.perf_counter()
         yield
-        self.timings[stage].append(clock.perf_counter() - start)
+        self.timings[stage].add(clock.perf_counter() - start)
+
+
+def _same(frame: Frame, other: Frame) -> bool:
+    return frame.stamp != other.stamp and np.array_equal(frame.image, other.image)
 
 
 def smooth(

@@ -9,8 +9,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-import numpy as np
-
 from ruledgraph.ahead import ahead
 from ruledgraph.config import Config
 from ruledgraph.errors import RuledgraphError
@@ -181,12 +179,12 @@ def _summary(
         warnings.append("the odometry never started")
     stages = {
         stage: {
-            "count": len(times),
-            "mean_ms": 1e3 * float(np.mean(times)),
-            "p99_ms": 1e3 * float(np.quantile(times, 0.99)),
-            "max_ms": 1e3 * max(times),
+            "count": timing.count,
+            "mean_ms": 1e3 * timing.mean,
+            "p99_ms": 1e3 * timing.quantile(0.99),
+            "max_ms": 1e3 * timing.largest,
         }
-        for stage, times in odometry.timings.items()
+        for stage, timing in odometry.timings.items()
     }
     return {
         "ended": ended,
@@ -200,7 +198,7 @@ def _summary(
         "lines_in_view": tally.lines_in_view / max(tally.estimates, 1),
         "recoveries": odometry.recoveries,
         "warnings": warnings[:_MOST_WARNINGS],
-        "warnings_left_off": max(0, len(warnings) - _MOST_WARNINGS),
+        "warnings_left_off": max(0, len(warnings) - _MOST_WARNINGS) + odometry.warnings.left_off,
         "stages": stages,
     }
 

@@ -12,7 +12,7 @@ from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, L, V, X
 
 from ruledgraph.config import Config
-from ruledgraph.inertial import ImuBuffer
+from ruledgraph.inertial import ImuBuffer, noise_across
 from ruledgraph.lines import GraphLine
 from ruledgraph.sensors import Calibration, FloatArray
 from ruledgraph.smoother import FixedLagSmoother, SmootherError
@@ -73,6 +73,8 @@ class Interval:
     """Of its frames, ns."""
     motion: FrameMotion
     imu_factors: list[gtsam.NonlinearFactor]
+    known: int
+    """How many of its frames come before a hole of the IMU: the others' poses are guesses."""
     line_factors: list[tuple[GraphLine, RuledSurfaceFactor]] = field(default_factory=list)
 
     def poses(self) -> list[gtsam.Pose3]:
@@ -80,8 +82,8 @@ class Interval:
         return self.motion.poses(self.knot.state, self.knot.bias)
 
     def seen(self, track: Track) -> tuple[list[int], list[Sighting]]:
-        """In which of its frames a track was seen, and what there."""
-        places = {stamp: i for i, stamp in enumerate(self.stamps)}
+        """In which of its known frames a track was seen, and what there."""
+        places = {stamp: i for i, stamp in enumerate(self.stamps[: self.known])}
         hits = [s for s in track.sightings if s.stamp in places]
         return [places[s.stamp] for s in hits], hits
 
@@ -121,6 +123,7 @@ class Window:
     def __init__(self, calibration: Calibration, config: Config, start: Start) -> None:
         self._body_T_cam = calibration.body_T_cam
         self._config = config
+        self._imu_noise = calibration.imu_noise
         self._imu_params = calibration.imu_noise.preintegration_params()
         self._focal = calibration.camera.focal_length
         self._deviation = config.edges.deviation / self._focal
@@ -195,7 +198,13 @@ class Window:
         knot = self.newest
         k = knot.index
         samples = imu.between(knot.time, times[-1])
-        preintegrated = gtsam.PreintegratedCombinedMeasurements(self._imu_params, knot.bias)
+        params, known = self._imu_params, len(times)
+        holes = imu.holes(knot.time, times[-1])
+        if holes:
+            noise = noise_across(self._imu_noise, holes, knot.time, times[-1])
+            params = noise.preintegration_params()
+            known = sum(time <= holes[0].start for time in times)
+        preintegrated = gtsam.PreintegratedCombinedMeasurements(params, knot.bias)
         for segment in samples.segments(knot.time, times[-1], at=times, bias=knot.bias):
             preintegrated.integrateMeasurement(*segment)
         state = preintegrated.predict(knot.state, knot.bias)
@@ -204,12 +213,12 @@ class Window:
             gtsam.CombinedImuFactor(X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1), preintegrated)
         ]
         if still:
-            noise = noiseModel.Isotropic.Sigma(3, _STILL_VELOCITY)
-            imu_factors.append(gtsam.PriorFactorVector(V(k + 1), np.zeros(3), noise))
+            no_motion = noiseModel.Isotropic.Sigma(3, _STILL_VELOCITY)
+            imu_factors.append(gtsam.PriorFactorVector(V(k + 1), np.zeros(3), no_motion))
         for factor in imu_factors:
             self._new_factors.add(factor)
         motion = preintegrate_frames(samples, knot.time, times, knot.bias)
-        interval = Interval(knot, list(stamps), motion, imu_factors)
+        interval = Interval(knot, list(stamps), motion, imu_factors, known)
         self.intervals.append(interval)
         self.knots.append(new)
         self._insert(new)

@@ -135,8 +135,8 @@ def run(case: Case) -> dict[str, Any]:
         "recoveries": len(odometry.recoveries),
         "lines in view": float(np.mean([e.lines for e in live])) if live else 0.0,
         "seconds": time.perf_counter() - started,
-        "smoother": float(np.sum(odometry.timings.get("smoother", [0.0]))),
-        "search": float(np.sum(odometry.timings.get("search", [0.0]))),
+        "smoother": odometry.timings["smoother"].total,
+        "search": odometry.timings["search"].total,
     }
     if len(live) < 3:
         return row | {"failed": "; ".join(odometry.warnings[-2:]) or "no start"}

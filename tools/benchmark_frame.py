@@ -65,14 +65,16 @@ def run(simulation: Simulation, most_lines: int) -> tuple[float, dict[str, float
         mock.patch.object(tracker, "follow", timed(tracker.follow, following)),
     ):
         for measurement in simulation.stream():
-            before = {stage: len(values) for stage, values in timings.items()}
+            before = {stage: timing.count for stage, timing in timings.items()}
             count = len(tracker.tracks)
             odometry.add(measurement)
-            ran = {stage for stage, values in timings.items() if len(values) > before.get(stage, 0)}
+            ran = {
+                stage for stage, timing in timings.items() if timing.count > before.get(stage, 0)
+            }
             if ran != {"frame", "gradient", "search"} or odometry.window is None:
                 continue
             frame, gradient, search = (
-                timings[name][-1] for name in ("frame", "gradient", "search")
+                timings[name].last for name in ("frame", "gradient", "search")
             )
             samples["gradient"].append(gradient)
             samples["prediction"].append(search - following[-1])

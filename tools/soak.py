@@ -98,7 +98,7 @@ def soak(simulation: Simulation, every: float) -> Iterator[Row]:
             tracking=float(np.mean([e.status == "tracking" for e in live])) if live else 0.0,
             segments=segments,
             recoveries=recoveries,
-            warnings=len(odometry.warnings),
+            warnings=len(odometry.warnings) + odometry.warnings.left_off,
         )
         end, spent, live = measurement.stamp, 0.0, []
 

@@ -22,6 +22,7 @@ from ruledgraph.paper_solver.start import PointDetector
 from ruledgraph.paper_solver.surfaces import Points, Surfaces, loss, solve
 from ruledgraph.pipeline import Estimate, Status
 from ruledgraph.sensors import Calibration, FloatArray
+from ruledgraph.timing import Messages, Timing
 
 LINES, FRAMES = 4, 140
 # See the package's docstring for what these stand for.
@@ -137,9 +138,9 @@ class PaperOdometry:
     def __init__(self, calibration: Calibration) -> None:
         self.calibration = calibration
         self.window: Window | None = None
-        self.warnings: list[str] = []
-        self.recoveries: list[str] = []
-        self.timings: dict[str, list[float]] = defaultdict(list)
+        self.warnings = Messages()
+        self.recoveries = Messages()
+        self.timings: dict[str, Timing] = defaultdict(Timing)
         self.status: Status = "tracking"
         self._detector = PointDetector(calibration.camera)
         self._imu = ImuBuffer()
@@ -380,4 +381,4 @@ class PaperOdometry:
     def _timed(self, stage: str) -> Iterator[None]:
         start = clock.perf_counter()
         yield
-        self.timings[stage].append(clock.perf_counter() - start)
+        self.timings[stage].add(clock.perf_counter() - start)

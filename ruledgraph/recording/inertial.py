@@ -9,11 +9,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
+from ruledgraph.measurements import MAX_IMU_GAP, Frame, Gap, ImuSample, Measurement
 from ruledgraph.recording.report import Report
-
-MAX_IMU_GAP = 500_000_000
-"""ns; across a longer silence of the IMU its samples are neither interpolated nor integrated."""
 
 
 class Gyroscope(NamedTuple):

@@ -1,0 +1,66 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a run tells of itself, in bounded memory: how long its stages took, its messages."""
+
+import math
+
+# Durations are told apart by this ratio, from this many s on.
+_RATIO, _SHORTEST = 1.02, 1e-7
+# Messages that are kept of a run; the rest are counted.
+_MOST_MESSAGES = 200
+
+
+class Timing:
+    """Durations of one stage, s: their number, sum and extremes, and a histogram."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.total = 0.0
+        self.largest = 0.0
+        self.last = 0.0
+        self._bins: dict[int, int] = {}
+
+    def add(self, seconds: float) -> None:
+        """Take in a duration."""
+        self.count += 1
+        self.total += seconds
+        self.largest = max(self.largest, seconds)
+        self.last = seconds
+        index = math.floor(math.log(max(seconds, _SHORTEST) / _SHORTEST) / math.log(_RATIO))
+        self._bins[index] = self._bins.get(index, 0) + 1
+
+    @property
+    def mean(self) -> float:
+        """Of all, s."""
+        return self.total / max(self.count, 1)
+
+    def quantile(self, share: float) -> float:
+        """The duration that no more than `share` of all stay below, to 1 %, s."""
+        below = 0
+        for index, count in sorted(self._bins.items()):
+            below += count
+            if below >= share * self.count:
+                return min(_SHORTEST * _RATIO ** (index + 0.5), self.largest)
+        return self.largest
+
+
+class Messages(list[str]):
+    """The first messages of a run; `append` and `once` count those that come after."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.left_off = 0
+        self._once: set[str] = set()
+
+    def append(self, message: str) -> None:
+        """Keep a message, or count it."""
+        if len(self) < _MOST_MESSAGES:
+            super().append(message)
+        else:
+            self.left_off += 1
+
+    def once(self, kind: str, message: str) -> None:
+        """Append the first message of a kind."""
+        if kind not in self._once:
+            self._once.add(kind)
+            self.append(message)
