@@ -21,13 +21,15 @@ from ruledgraph.inertial import ImuBuffer
 from ruledgraph.initialize import Refusal, is_still, start_at_rest, start_in_motion
 from ruledgraph.lines import GraphLine, LineEstimate
 from ruledgraph.measurements import MAX_IMU_GAP, Frame, Gap, ImuSample, Measurement
+from ruledgraph.monitor import Trust
 from ruledgraph.prediction import by_estimate, by_rotation
+from ruledgraph.segments import Covariances, Drift, Ended, Trial, continued
 from ruledgraph.sensors import Calibration, FloatArray
 from ruledgraph.timing import Messages, Timing
 from ruledgraph.tracks import Tracker
-from ruledgraph.window import Interval, Start, Window
+from ruledgraph.window import Interval, Window
 
-Status = Literal["tracking", "still", "dead reckoning"]
+Status = Literal["tracking", "still", "dead reckoning", "doubtful"]
 
 # How long rest must last, s, and how often a start is tried.
 _REST, _BETWEEN_ATTEMPTS = 0.4, 0.25
@@ -62,13 +64,15 @@ class Estimate:
     velocity: FloatArray
     """Of the body in the world, (3,), m/s."""
     bias: gtsam.imuBias.ConstantBias
-    covariances: tuple[FloatArray, FloatArray, FloatArray]
+    covariances: Covariances
     """Of pose (6, 6), velocity (3, 3) and bias (6, 6), as of the last knot when it was new."""
     lines: int
     """Lines of the graph that were seen in the frame."""
     status: Status
     at_knot: bool
     """Whether the frame is a knot's, optimised with all before it, or predicted from one."""
+    segment: int = 0
+    """Counts from 0; between two of them there is a gap or a failure."""
 
 
 class Odometry:
@@ -107,7 +111,12 @@ class Odometry:
         self._ahead: gtsam.PreintegratedCombinedMeasurements | None = None
         self._ahead_until = 0.0
         self._live_by_stamp: dict[int, Estimate] = {}
-        self._ended: gtsam.Pose3 | None = None
+        self._trust = Trust(calibration.body_T_cam, Drift(), self.warnings)
+        self._trial: Trial | None = None
+        self._held: list[Estimate] = []
+        self._segment = -1
+        self._last: Ended | None = None
+        self._before: Ended | None = None
 
     # -- input -----------------------------------------------------------------------------------
 
@@ -167,7 +176,7 @@ class Odometry:
         for interval in self.window.intervals:
             self._hand_out(self.window, interval)
         self._hand_out_lines([*self.window.retired, *self.window.lines.values()])
-        self._ended = self.window.newest.state.pose()
+        self._end_trial()
         for recovery in self.window.recoveries:
             self.recoveries.append(recovery)
         self.window = None
@@ -180,7 +189,10 @@ class Odometry:
         return self._last_status
 
     def take_live(self) -> list[Estimate]:
-        """Estimates as known at each frame's time, since the last call."""
+        """Estimates as known at each frame's time, since the last call.
+
+        Those after a start in motion wait until it is confirmed, some tenths of a second.
+        """
         taken, self._live = self._live, []
         return taken
 
@@ -225,6 +237,8 @@ class Odometry:
                 self._add_knot([f for f in self._frames if f.time > self.window.newest.time])
                 self._optimize(self.window)
             at_knot = True
+            if self._trial is not None and not self._passes(self._trial, self.window, seen.time):
+                return
             if not self.window.is_plausible():
                 self.warnings.append(
                     f"the estimate ran away at {seen.time:.2f} s: a new segment begins"
@@ -257,6 +271,8 @@ class Odometry:
         tracks = self.tracker.tracks
         rulings = by_rotation(tracks, cam_R_before, seen.time - before.time, focal)
         known = self.window.lines if self.window is not None else {}
+        if self.window is not None and self._is_blind(self.window, seen.time):
+            known = {}
         at = [i for i, track in enumerate(tracks) if track.number in known]
         lines = [known[tracks[i].number] for i in at]
         otherwise = [rulings[i] for i in at]
@@ -264,7 +280,16 @@ class Odometry:
         for i, ruling in zip(at, estimated, strict=True):
             rulings[i] = ruling
         found = self.tracker.follow(seen.stamp, seen.time, gradient, rulings)
-        return sum(found[i] is not None for i in at)
+        known = self.window.lines if self.window is not None else {}
+        return sum(
+            edge is not None and track.number in known
+            for track, edge in zip(tracks, found, strict=True)
+        )
+
+    def _is_blind(self, window: Window, time: float) -> bool:
+        """Whether the IMU's prediction crosses a hole that no line has bridged yet."""
+        guessed = bool(window.intervals) and not window.intervals[-1].is_known
+        return guessed or bool(self._imu.holes(window.newest.time, time))
 
     def _turn(self, start: float, stop: float) -> FloatArray:
         """cam_R_before between two frames, from the gyroscope alone."""
@@ -311,7 +336,14 @@ class Odometry:
         if isinstance(result, Refusal):
             self.warnings.append(f"no start at {seen.time:.2f} s: {result.reason}")
             return False
-        self.window = Window(self.calibration, self.config, self._placed(result))
+        drift = Drift()
+        if self._last is not None:
+            result, drift = continued(result, self._last)
+        self.window = Window(self.calibration, self.config, result)
+        self._trust = Trust(self.calibration.body_T_cam, drift, self.warnings)
+        self._trial = Trial(result, seen.time) if result.lines else None
+        self._before = self._last
+        self._segment += 1
         self._last_lines = seen.time
         self._state = self.window.newest.state
         pending: list[_Seen] = []
@@ -325,13 +357,27 @@ class Odometry:
             self._optimize(self.window)
         return True
 
-    def _placed(self, start: Start) -> Start:
-        """A segment after the first goes on where the last one ended: same place, same yaw."""
-        if self._ended is None:
-            return start
-        yaw = self._ended.rotation().yaw() - start.state.attitude().yaw()
-        place = self._ended.translation() - start.state.position()
-        return start.moved(gtsam.Pose3(gtsam.Rot3.Yaw(yaw), place))
+    def _passes(self, trial: Trial, window: Window, time: float) -> bool:
+        """Go on with a start in motion, or take it back."""
+        passed = trial.passed(window)
+        if trial.trouble or not window.is_plausible():
+            trouble = trial.trouble or "the estimate ran away"
+            self.warnings.append(
+                f"the start in motion before {time:.2f} s is taken back: {trouble}"
+            )
+            self._held, self._trial, self.window, self._ahead = [], None, None, None
+            self._live_by_stamp.clear()
+            self._last = self._before
+            self._segment -= 1
+            self._last_attempt = time
+            return False
+        if passed:
+            self._end_trial()
+        return True
+
+    def _end_trial(self) -> None:
+        self._live += self._held
+        self._held, self._trial = [], None
 
     def _break(self, gap: Gap) -> None:
         """The IMU was silent: end the segment, begin anew."""
@@ -372,6 +418,7 @@ class Odometry:
             self._hand_out(window, interval)
         self._hand_out_lines(window.retired)
         window.retired = []
+        self._trust.judge(window)
         self._ahead = None
         self._state = window.newest.state
 
@@ -379,21 +426,27 @@ class Odometry:
         if lines >= _FEWEST_LINES:
             self._last_lines = seen.time
         status = self._status
-        if status == "tracking" and seen.time - self._last_lines > _LINES_MISSING:
-            status = "dead reckoning"
+        if self._trust.disagree or self._is_blind(window, seen.time):
+            status = "doubtful"
+        elif status == "tracking":
+            missing = seen.time - self._last_lines > _LINES_MISSING
+            status = "dead reckoning" if missing or self._trust.parallel else status
         self._last_status = status
-        knot = window.newest
+        knot, pose, velocity = window.newest, self._state.pose(), self._state.velocity()
+        covariances = self._trust.covariances(knot.covariances, pose, velocity)
         estimate = Estimate(
             stamp=seen.stamp,
-            world_T_body=self._state.pose(),
-            velocity=self._state.velocity(),
+            world_T_body=pose,
+            velocity=velocity,
             bias=knot.bias,
-            covariances=knot.covariances,
+            covariances=covariances,
             lines=lines,
             status=status,
             at_knot=at_knot,
+            segment=self._segment,
         )
-        self._live.append(estimate)
+        self._last = Ended(seen.time, pose, velocity, covariances)
+        (self._live if self._trial is None else self._held).append(estimate)
         self._live_by_stamp[seen.stamp] = estimate
 
     def _hand_out(self, window: Window, interval: Interval) -> None:
@@ -410,10 +463,11 @@ class Odometry:
                     world_T_body=pose,
                     velocity=knot.state.velocity(),
                     bias=knot.bias,
-                    covariances=knot.covariances,
+                    covariances=live.covariances if live else knot.covariances,
                     lines=live.lines if live else 0,
                     status=live.status if live else "tracking",
                     at_knot=stamp == interval.stamps[-1],
+                    segment=self._segment,
                 )
             )
 

@@ -32,6 +32,7 @@ _STATE_COLUMNS = [
     *(f"sigma_accelerometer_bias_{a}" for a in _AXES),
     "lines",
     "status",
+    "segment",
 ]
 _COVARIANCE = ("xx", "xy", "xz", "yy", "yz", "zz")
 _LINE_COLUMNS = [
@@ -54,7 +55,7 @@ class Results:
     - `trajectory_live.tum`: world_T_body at each frame as known at its time;
     - `trajectory.tum`: the same as each frame left the window;
     - `states.csv`: at each knot when it was new: velocity, biases, gravity, standard deviations
-      (rotation and position in the body frame), lines in view, status;
+      (rotation and position in the body frame), lines in view, status, segment;
     - `lines.csv`: end points in the world, their covariance, first and last stamp, edge points;
     - `config.yaml`: the settings in effect; `summary.json`: see `summarize`.
 
@@ -133,7 +134,7 @@ def _state_row(estimate: Estimate) -> list[Any]:
         ]
     )
     shown = [f"{number:.9g}" for number in numbers]
-    return [seconds(estimate.stamp), *shown, estimate.lines, estimate.status]
+    return [seconds(estimate.stamp), *shown, estimate.lines, estimate.status, estimate.segment]
 
 
 def _line_row(line: LineEstimate) -> list[Any]:

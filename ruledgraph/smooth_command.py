@@ -31,6 +31,10 @@ from ruledgraph.runner import Progress as RunProgress
 from ruledgraph.runner import Solver, Watch, run
 
 _FEW_WARNINGS = 5
+_OFF = {
+    "dead reckoning": "the IMU alone carried them",
+    "doubtful": "images and IMU disagree",
+}
 
 _SWITCH_INTERVAL = 1e-4
 
@@ -164,9 +168,9 @@ def _tell(summary: dict[str, Any], output: Path, verbose: bool) -> None:
         f"{summary['lines']} lines, {len(summary['recoveries'])} recoveries; "
         f"{summary['recording_s']:.1f} s took {summary['wall_s']:.1f} s"
     )
-    off = {k: n for k, n in summary["status"].items() if k == "dead reckoning"}
-    for status, count in off.items():
-        click.echo(f"{count} frames by {status}: the IMU alone carried them")
+    for status, meaning in _OFF.items():
+        if count := summary["status"].get(status, 0):
+            click.echo(f"{count} frames {status}: {meaning}")
     for name, found in summary.get("accuracy", {}).items():
         click.echo(f"{name}: {_accuracy_text(found)}")
     if verbose:

@@ -40,7 +40,7 @@ class Timing:
         for index, count in sorted(self._bins.items()):
             below += count
             if below >= share * self.count:
-                return min(_SHORTEST * _RATIO ** (index + 0.5), self.largest)
+                return min(_SHORTEST * math.pow(_RATIO, index + 0.5), self.largest)
         return self.largest
 
 

@@ -77,6 +77,11 @@ class Interval:
     """How many of its frames come before a hole of the IMU: the others' poses are guesses."""
     line_factors: list[tuple[GraphLine, RuledSurfaceFactor]] = field(default_factory=list)
 
+    @property
+    def is_known(self) -> bool:
+        """Whether there is no hole in it."""
+        return self.known == len(self.stamps)
+
     def poses(self) -> list[gtsam.Pose3]:
         """world_T_body of its frames."""
         return self.motion.poses(self.knot.state, self.knot.bias)

@@ -31,6 +31,7 @@ from ruledgraph.ground_truth import GroundTruth, read_ground_truth
 from ruledgraph.lines import LineEstimate
 from ruledgraph.measurements import Frame, Measurement
 from ruledgraph.pipeline import Estimate, Odometry
+from ruledgraph.segments import heading
 from ruledgraph.sensors import Calibration, FloatArray
 from ruledgraph.simulation import MOTIONS, Simulation
 from ruledgraph.simulation.options import simulation_from_options
@@ -184,7 +185,7 @@ def _nees(live: Sequence[Estimate], simulation: Simulation) -> dict[str, float]:
         gtsam.Pose3(gtsam.Rot3(R), p) for R, p in zip(true.rotation, true.position, strict=True)
     ]
     first = knots[0].world_T_body
-    yaw = gtsam.Rot3.Yaw(poses[0].rotation().yaw() - first.rotation().yaw())
+    yaw = heading(true.rotation[:1], first.rotation().matrix()[None])
     shift = poses[0].translation() - yaw.rotate(first.translation())
     true_T_world = gtsam.Pose3(yaw, shift)
     nees: dict[str, list[float]] = {"pose": [], "velocity": [], "bias": []}

@@ -21,9 +21,9 @@ from pathlib import Path
 import click
 import numpy as np
 
-from fault_campaign import heading
 from ruledgraph.measurements import Frame
 from ruledgraph.pipeline import Estimate, Odometry
+from ruledgraph.segments import heading
 from ruledgraph.simulation import Simulation
 from ruledgraph.simulation.options import simulation_from_options
 

@@ -12,6 +12,7 @@ from ruledgraph.errors import RuledgraphError
 from ruledgraph.evaluation import alignment
 from ruledgraph.measurements import Frame, Gap, ImuSample
 from ruledgraph.pipeline import Estimate, Odometry
+from ruledgraph.segments import Trial
 from ruledgraph.window import Window
 from ruledgraph_factors import kernel
 from small_simulation import frames, small_simulation, small_stream
@@ -288,3 +289,23 @@ def test_frames_that_come_late_are_told_once():
                 break
     odometry, _, _ = run(measurements, calibration)
     assert sum("came after a later one" in warning for warning in odometry.warnings) == 1
+
+
+def test_a_start_on_moving_things_is_taken_back(monkeypatch):
+    stream, calibration = small_stream(moving=True)
+    passed, calls = Trial.passed, []
+
+    def refuted_once(self, window):
+        calls.append(window)
+        if len(calls) == 3:
+            self.trouble = "its lines were no good"
+        return passed(self, window)
+
+    monkeypatch.setattr(Trial, "passed", refuted_once)
+    odometry, live, smoothed = run(stream, calibration)
+    assert sum("is taken back: its lines" in warning for warning in odometry.warnings) == 1
+    # Nothing of it was handed out, and the next one was.
+    assert {e.segment for e in live + smoothed} == {0}
+    assert len(live) > 20
+    assert [e.stamp for e in live] == sorted({e.stamp for e in live})
+    assert ate(live, small_simulation(moving=True)) < 0.03

@@ -81,17 +81,6 @@ def test_errors_are_compared_with_the_covariance_that_came_with_them():
     assert found["untold"] == found["beyond"] == 0.5
 
 
-def test_headings_of_any_mounting():
-    rng = np.random.default_rng(0)
-    for mounting in (gtsam.Rot3(), gtsam.Rot3.Ry(-np.pi / 2), gtsam.Rot3.Rx(-np.pi / 2)):
-        true = [gtsam.Rot3.Expmap(0.1 * rng.normal(size=3)) * mounting for _ in range(5)]
-        ours = [gtsam.Rot3.Yaw(2.5) * R for R in true]
-        turn = fault_campaign.heading(
-            *(np.array([R.matrix() for R in attitudes]) for attitudes in (ours, true))
-        )
-        assert turn.yaw() == pytest.approx(2.5)
-
-
 def test_the_cases_have_names_of_their_own(tmp_path):
     keys = [case.key for case, _ in fault_campaign.all_cases(tmp_path, tmp_path, 10.0)]
     assert len(keys) == len(set(keys)) > 80

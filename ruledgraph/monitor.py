@@ -1,0 +1,154 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""How far estimates may be believed beyond what the window says of them.
+
+Two things the window cannot know: that images and IMU contradict each other, where every factor is
+as certain as its noise figures say; and that lines which are all parallel leave the motion along
+them to the IMU, where marginals of factors that were linearised elsewhere say otherwise.
+"""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B, V, X
+
+from ruledgraph.segments import Covariances, Drift
+from ruledgraph.sensors import FloatArray
+from ruledgraph.timing import Messages
+from ruledgraph.window import Window
+from ruledgraph_factors import STANDARD_GRAVITY
+
+# The IMU factors of so many s are judged, when there are so many.
+_SPAN, _FEWEST = 1.0, 5
+# Twice their error, on average: images and IMU disagree from `_MOST` on, until it is below
+# `_AGREED` again. Were all well it would have 15 degrees of freedom less those that are fitted;
+# real flights reach 17, wrong noise figures 16, stamps that are 20 ms off begin at 50.
+_USUAL, _MOST, _AGREED = 3.0, 25.0, 12.0
+# Lines are parallel when all but this share of their directions' squares is along one; for so
+# long, s, and no fewer than so many.
+_SPREAD, _PARALLEL_FOR, _FEWEST_LINES = 0.02, 1.0, 2
+_G = -STANDARD_GRAVITY[2]
+
+
+class Trust:
+    """Judges a segment knot by knot.
+
+    Args:
+        body_T_cam: the camera's mounting.
+        drift: what is open of the segment's place and heading from the beginning.
+        warnings: where to tell.
+    """
+
+    def __init__(self, body_T_cam: gtsam.Pose3, drift: Drift, warnings: Messages) -> None:
+        self._body_T_cam = body_T_cam
+        self._drift = drift
+        self._warnings = warnings
+        self._excess = 1.0
+        self._parallel_since: float | None = None
+        self._along = np.zeros(3)
+        self._at_first: tuple[float, float] = (0.0, 0.0)
+        self._time = 0.0
+        self.disagree = False
+        """Whether images and IMU do."""
+
+    @property
+    def parallel(self) -> bool:
+        """Whether all lines have been parallel for long."""
+        since = self._parallel_since
+        return since is not None and self._time - since >= _PARALLEL_FOR
+
+    def judge(self, window: Window) -> None:
+        """Take in the newest knot, optimised."""
+        self._time = window.newest.time
+        self._compare(window)
+        self._look_at_directions(window)
+
+    def covariances(
+        self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
+    ) -> Covariances:
+        """Those of a state as the window gives them, made honest."""
+        of_pose, of_velocity, of_bias = (self._excess * c for c in covariances)
+        drift = replace(self._drift, place=self._drift.place + self._open_along())
+        return drift.added((of_pose, of_velocity, of_bias), pose, velocity)
+
+    # -- images and IMU --------------------------------------------------------------------------
+
+    def _compare(self, window: Window) -> None:
+        errors = imu_errors(window, _SPAN)
+        if len(errors) < _FEWEST:
+            return
+        mean = float(np.mean(errors))
+        if not self.disagree and mean > _MOST:
+            self.disagree = True
+            self._warnings.append(
+                f"images and IMU disagree since {self._time:.2f} s: check time offset, extrinsics "
+                "and the IMU's range"
+            )
+        elif self.disagree and mean < _AGREED:
+            self.disagree = False
+            # What went wrong meanwhile stays.
+            knot = window.newest
+            R = knot.state.attitude().matrix()
+            of_pose = knot.covariances[0][3:, 3:] * (self._excess - 1.0)
+            self._drift = replace(self._drift, place=self._drift.place + R @ of_pose @ R.T)
+            self._excess = 1.0
+        if self.disagree:
+            self._excess = max(self._excess, mean / _USUAL)
+
+    # -- parallel lines --------------------------------------------------------------------------
+
+    def _look_at_directions(self, window: Window) -> None:
+        directions = directions_in_view(window)
+        values, vectors = np.linalg.eigh(directions.T @ directions / max(len(directions), 1))
+        # Too few lines are another matter, and end nothing.
+        if len(directions) < _FEWEST_LINES:
+            return
+        if values[-1] < 1.0 - _SPREAD:
+            self._drift = replace(self._drift, place=self._drift.place + self._open_along())
+            self._parallel_since = None
+            return
+        self._along = vectors[:, -1]
+        if self._parallel_since is None:
+            self._parallel_since = self._time
+            of_pose, of_velocity, of_bias = window.newest.covariances
+            speed = float(self._along @ of_velocity @ self._along)
+            tilt = float(np.trace(of_pose[:3, :3])) / 2.0
+            force = float(np.linalg.eigvalsh(of_bias[:3, :3])[-1]) + _G**2 * tilt
+            self._at_first = (speed, force)
+
+    def _open_along(self) -> FloatArray:
+        """Covariance of the place that parallel lines leave open since they are parallel."""
+        if self._parallel_since is None or not self.parallel:
+            return np.zeros((3, 3))
+        elapsed = self._time - self._parallel_since
+        speed, force = self._at_first
+        variance = speed * elapsed**2 + 0.25 * force * elapsed**4
+        return variance * np.outer(self._along, self._along)
+
+
+def imu_errors(window: Window, span: float) -> list[float]:
+    """Twice the error of the IMU factors of the last `span` s, but for the newest one, which hardly
+    anything contradicts yet.
+    """
+    intervals = [i for i in window.intervals if i.knot.time >= window.newest.time - span]
+    values = gtsam.Values()
+    for interval in intervals:
+        knot = interval.knot
+        values.insert(X(knot.index), knot.state.pose())
+        values.insert(V(knot.index), knot.state.velocity())
+        values.insert(B(knot.index), knot.bias)
+    return [2.0 * interval.imu_factors[0].error(values) for interval, _ in pairwise(intervals)]
+
+
+def directions_in_view(window: Window) -> FloatArray:
+    """Unit directions in the world of the window's lines that were seen last, (N, 3)."""
+    found = []
+    for line in window.lines.values():
+        if line.track.misses == 0:
+            direction = line.plucker[0][3:]
+            length = np.linalg.norm(direction)
+            if length > 0.0:
+                found.append(direction / length)
+    return np.array(found).reshape(-1, 3)

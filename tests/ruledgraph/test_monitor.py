@@ -1,0 +1,96 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+
+import gtsam
+import numpy as np
+import pytest
+
+from ideal_tracks import CALIBRATION, MANY, ideal_tracks
+from ruledgraph.config import Config
+from ruledgraph.inertial import ImuBuffer
+from ruledgraph.monitor import Trust, imu_errors
+from ruledgraph.segments import Drift
+from ruledgraph.timing import Messages
+from ruledgraph.window import Start, Window
+from simulated_window import BODY_T_CAM, hand_held
+
+
+def run(segments=MANY, late: float = 0.0, noise_times: float = 1.0, seed: int = 1):
+    """Window and trust at the end of 1.6 s, and the messages; IMU stamps are `late`."""
+    made = ideal_tracks(
+        seed, hand_held(np.random.default_rng(seed)), duration=1.6, segments=segments
+    )
+    if late:
+        samples, shifted = made.imu.between(0.0, 1.6), ImuBuffer()
+        for time, w, f in zip(samples.times, samples.gyroscope, samples.accelerometer, strict=True):
+            shifted.append(time - late, w, f)
+        made.imu = shifted
+    noise = type(CALIBRATION.imu_noise)(
+        *(noise_times * value for value in vars(CALIBRATION.imu_noise).values())
+    )
+    calibration = type(CALIBRATION)(CALIBRATION.camera, BODY_T_CAM, noise)
+    start = Start(
+        stamp=0,
+        time=0.0,
+        state=gtsam.NavState(made.motion.pose(0.0), made.motion.velocity(0.0)),
+        bias=gtsam.imuBias.ConstantBias(),
+        pose_covariance=np.diag(np.square([0.02, 0.02, 1e-4, 1e-4, 1e-4, 1e-4])),
+        velocity_sigma=0.1,
+        bias_sigmas=np.repeat([0.05, 0.01], 3),
+        lines={},
+    )
+    window = Window(calibration, Config(), start)
+    warnings = Messages()
+    trust = Trust(BODY_T_CAM, Drift(), warnings)
+    stamps, times = made.stamps[1:], made.times[1:].tolist()
+    for first in range(0, len(times) - 3, 3):
+        part = slice(first, first + 3)
+        if times[part][-1] > made.imu.latest:
+            break
+        window.extend(stamps[part], times[part], made.imu, made.tracks, False)
+        window.optimize()
+        trust.judge(window)
+    return window, trust, warnings
+
+
+def shown(window: Window, trust: Trust) -> np.ndarray:
+    """Covariance of the place as it is reported over that of the window."""
+    state, own = window.newest.state, window.newest.covariances
+    reported = trust.covariances(own, state.pose(), state.velocity())
+    return reported[0][3:, 3:] - own[0][3:, 3:]
+
+
+@pytest.mark.parametrize("noise_times", [1.0, 3.0, 1.0 / 3.0])
+def test_images_and_imu_that_agree(noise_times):
+    window, trust, warnings = run(noise_times=noise_times)
+    assert warnings == []
+    assert not trust.disagree
+    assert not trust.parallel
+    assert np.mean(imu_errors(window, 1.0)) < 12.0
+    np.testing.assert_array_equal(shown(window, trust), 0.0)
+
+
+def test_stamps_that_are_off_are_told():
+    window, trust, warnings = run(late=0.03)
+    assert trust.disagree
+    assert len(warnings) == 1
+    assert "check time offset" in warnings[0]
+    # By the ratio of the misfit to the usual one.
+    own = window.newest.covariances[0][3:, 3:]
+    assert np.all(np.linalg.eigvalsh(shown(window, trust) - 3.0 * own) > 0.0)
+
+
+def test_parallel_lines_leave_the_motion_along_them_open():
+    """Other lines are needed: covariance grows along them, and across it does not."""
+    middles = MANY.mean(axis=1)
+    along = np.array([0.3, 1.0, 0.0]) / np.hypot(0.3, 1.0)
+    parallel = np.stack([middles - 0.3 * along, middles + 0.3 * along], axis=1)
+    window, trust, warnings = run(segments=parallel)
+    assert warnings == []
+    assert trust.parallel
+    R = window.newest.state.attitude().matrix()
+    extra = R @ shown(window, trust) @ R.T
+    values, vectors = np.linalg.eigh(extra)
+    assert np.sqrt(values[-1]) > 0.05
+    assert values[1] < 1e-9
+    assert abs(vectors[:, -1] @ along) > 0.98
