@@ -16,11 +16,10 @@ import numpy as np
 from ruledgraph.config import Config
 from ruledgraph.edges.detect import DETECTORS
 from ruledgraph.edges.gradient import Gradient
-from ruledgraph.errors import RuledgraphError
-from ruledgraph.inertial import ImuBuffer
 from ruledgraph.initialize import Refusal, is_still, start_at_rest, start_in_motion
+from ruledgraph.intake import Intake
 from ruledgraph.lines import GraphLine, LineEstimate
-from ruledgraph.measurements import MAX_IMU_GAP, Frame, Gap, ImuSample, Measurement
+from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
 from ruledgraph.monitor import Trust
 from ruledgraph.prediction import by_estimate, by_rotation
 from ruledgraph.segments import Covariances, Drift, Ended, Trial, continued
@@ -39,8 +38,6 @@ _EARLY = 0.004
 _DETECT_INTERVAL = 0.1
 # With fewer lines of the graph in view for so long (s), the IMU alone carries the estimate.
 _FEWEST_LINES, _LINES_MISSING = 2, 0.3
-# A shorter repetition of one reading is not worth a warning, s.
-_LEAST_HANG = 0.05
 # Measurements are kept this much longer than the window, s.
 _SPARE = 0.5
 
@@ -99,10 +96,8 @@ class Odometry:
         self._detect = DETECTORS[edges.detector]
         # Segments are detected beside the smoother, which runs on the same frames.
         self._worker = ThreadPoolExecutor(1, "detection")
-        self._imu = ImuBuffer()
-        self._origin: int | None = None
-        self._waiting: deque[Frame] = deque()
-        self._image: Frame | None = None
+        self._intake = Intake(calibration, self.warnings)
+        self._imu = self._intake.imu
         self._frames: deque[_Seen] = deque()
         self._last_attempt = self._last_detection = self._last_lines = -np.inf
         self._state = gtsam.NavState()
@@ -131,18 +126,13 @@ class Odometry:
 
     def add_imu(self, sample: ImuSample) -> None:
         """An IMU sample; the frames up to its time are processed."""
-        time, before = self._seconds(sample.stamp), self._imu.latest
-        hung = self._imu.append(time, sample.gyroscope, sample.accelerometer)
-        if hung > _LEAST_HANG:
-            self.warnings.append(
-                f"the IMU hung at {before:.2f} s: the same reading for {hung:.2f} s is not used"
-            )
-        if self._imu.latest - before > MAX_IMU_GAP * 1e-9 and before > -np.inf:
-            self._break(Gap(sample.stamp - round((time - before) * 1e9), sample.stamp))
-            self._imu.append(time, sample.gyroscope, sample.accelerometer)
-        while self._waiting and self._imu.latest >= self._frame_time(self._waiting[0]):
+        gap = self._intake.add_imu(sample)
+        if gap is not None:
+            self._break(gap)
+            self._intake.add_imu(sample)
+        while (frame := self._intake.next_frame()) is not None:
             with self._timed("frame"):
-                self._process(self._waiting.popleft())
+                self._process(frame)
 
     def add_image(self, frame: Frame) -> None:
         """A grey image of the calibration's size.
@@ -150,24 +140,7 @@ class Odometry:
         Raises:
             RuledgraphError: for an image of another size.
         """
-        camera = self.calibration.camera
-        if frame.image.shape != (camera.height, camera.width):
-            height, width = frame.image.shape[:2]
-            raise RuledgraphError(
-                f"a frame is {width}x{height}, but the calibration is for {camera.width}x"
-                f"{camera.height}; use the calibration of this camera and resolution"
-            )
-        if self._image is not None and _same(frame, self._image):
-            self.warnings.once(
-                "hangs",
-                f"the camera hangs at {self._frame_time(frame):.2f} s: images that repeat the one "
-                "before are not used",
-            )
-            # It shows nothing; a frame it is all the same.
-            frame = Frame(frame.stamp, np.zeros_like(frame.image))
-        else:
-            self._image = frame
-        self._waiting.append(frame)
+        self._intake.add_image(frame)
 
     def finish(self) -> None:
         """Hand out what is still in the window."""
@@ -209,7 +182,7 @@ class Odometry:
     # -- one frame -------------------------------------------------------------------------------
 
     def _process(self, frame: Frame) -> None:
-        seen = _Seen(frame.stamp, self._frame_time(frame))
+        seen = _Seen(frame.stamp, self._intake.frame_time(frame))
         if not self._imu.covers(seen.time, seen.time):
             return  # before the first IMU sample
         if self._frames and seen.time <= self._frames[-1].time:
@@ -384,12 +357,11 @@ class Odometry:
         if self.window is not None:
             self.warnings.append(
                 f"no IMU for {(gap.stop - gap.start) * 1e-9:.2f} s from "
-                f"{self._seconds(gap.start):.2f} s: a new segment begins where the last one ended"
+                f"{self._intake.seconds(gap.start):.2f} s: a new segment begins where the last one "
+                "ended"
             )
         self._end_segment()
-        self._imu.clear()
-        stop = self._seconds(gap.stop)
-        self._waiting = deque(f for f in self._waiting if self._frame_time(f) >= stop)
+        self._intake.begin_anew(gap.stop)
 
     def _end_segment(self) -> None:
         self.finish()
@@ -456,14 +428,15 @@ class Odometry:
         if knot.index == 0:
             stamps, poses = [window.first_stamp, *stamps], [knot.state.pose(), *poses]
         for stamp, pose in zip(stamps, poses, strict=True):
-            live = self._live_by_stamp.pop(stamp, None)
+            live, velocity = self._live_by_stamp.pop(stamp, None), knot.state.velocity()
+            covariances = self._trust.covariances(knot.covariances, pose, velocity)
             self._smoothed.append(
                 Estimate(
                     stamp=stamp,
                     world_T_body=pose,
-                    velocity=knot.state.velocity(),
+                    velocity=velocity,
                     bias=knot.bias,
-                    covariances=live.covariances if live else knot.covariances,
+                    covariances=live.covariances if live else covariances,
                     lines=live.lines if live else 0,
                     status=live.status if live else "tracking",
                     at_knot=stamp == interval.stamps[-1],
@@ -487,24 +460,11 @@ class Odometry:
                 track.sightings.popleft()
         self._imu.forget(time - keep)
 
-    def _seconds(self, stamp: int) -> float:
-        """Time of a stamp of the IMU's clock: since the first one."""
-        if self._origin is None:
-            self._origin = stamp
-        return (stamp - self._origin) * 1e-9
-
-    def _frame_time(self, frame: Frame) -> float:
-        return self._seconds(frame.stamp) + self.calibration.time_offset
-
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:
         start = clock.perf_counter()
         yield
         self.timings[stage].add(clock.perf_counter() - start)
-
-
-def _same(frame: Frame, other: Frame) -> bool:
-    return frame.stamp != other.stamp and np.array_equal(frame.image, other.image)
 
 
 def smooth(
@@ -522,3 +482,5 @@ def smooth(
         yield from odometry.take_live()
         odometry.take_smoothed()
         odometry.take_lines()
+    odometry.finish()
+    yield from odometry.take_live()

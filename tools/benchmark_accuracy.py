@@ -128,6 +128,7 @@ def run(case: Case) -> dict[str, Any]:
         smoothed += odometry.take_smoothed()
         lines += odometry.take_lines()
     odometry.finish()
+    live += odometry.take_live()
     smoothed += odometry.take_smoothed()
     lines += odometry.take_lines()
     row: dict[str, Any] = {

@@ -94,6 +94,8 @@ def run(case: Case, source: fault_scenes.Source) -> dict[str, Any]:
         _take(odometry, segments)
         odometry.take_lines()
     odometry.finish()
+    if segments:
+        segments[-1].live += odometry.take_live()
     _take(odometry, segments)
     estimates = [estimate for segment in segments for estimate in segment.live]
     row: dict[str, Any] = {

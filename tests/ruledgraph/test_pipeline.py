@@ -12,7 +12,7 @@ from ruledgraph.errors import RuledgraphError
 from ruledgraph.evaluation import alignment
 from ruledgraph.measurements import Frame, Gap, ImuSample
 from ruledgraph.pipeline import Estimate, Odometry
-from ruledgraph.segments import Trial
+from ruledgraph.segments import Trial, heading
 from ruledgraph.window import Window
 from ruledgraph_factors import kernel
 from small_simulation import frames, small_simulation, small_stream
@@ -26,6 +26,7 @@ def run(measurements, calibration) -> tuple[Odometry, list[Estimate], list[Estim
         live += odometry.take_live()
         smoothed += odometry.take_smoothed()
     odometry.finish()
+    live += odometry.take_live()
     smoothed += odometry.take_smoothed()
     return odometry, live, smoothed
 
@@ -129,11 +130,20 @@ def test_a_gap_in_the_imu_begins_a_new_segment():
     assert sum("a new segment begins" in warning for warning in odometry.warnings) == 1
     assert any(e.stamp < start for e in live)
     assert any(e.stamp > stop for e in live)
-    # The new segment begins where the last one ended, and yaw goes on.
-    before = [e for e in smoothed if e.stamp <= start][-1].world_T_body
-    after = next(e for e in smoothed if e.stamp >= stop).world_T_body
-    assert np.linalg.norm(before.translation() - after.translation()) < 0.05
-    assert abs(before.rotation().yaw() - after.rotation().yaw()) < 0.1
+    # The new segment begins near where the last one ended, as its covariance says.
+    before = [e for e in smoothed if e.stamp <= start][-1]
+    after = next(e for e in smoothed if e.stamp >= stop)
+    assert (before.segment, after.segment) == (0, 1)
+    true = small_simulation(moving=True).truth(np.array([before.stamp, after.stamp]))
+    turn = before.world_T_body.rotation().matrix() @ true.rotation[0].T
+    error = after.world_T_body.translation() - before.world_T_body.translation()
+    error -= turn @ (true.position[1] - true.position[0])
+    R = after.world_T_body.rotation().matrix()
+    covariance = R @ after.covariances[0][3:, 3:] @ R.T
+    assert error @ np.linalg.solve(covariance, error) < 9.0
+    assert np.sqrt(np.trace(covariance)) < 0.5
+    attitudes = (e.world_T_body.rotation().matrix()[None] for e in (after, before))
+    assert abs(heading(*attitudes).yaw()) < 0.01
 
 
 def test_blank_frames_never_start_and_never_crash():

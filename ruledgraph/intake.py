@@ -1,0 +1,93 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Measurements as they come: on one clock, in order, frames until the IMU has reached them.
+
+Silences of the IMU and sensors that hang are noticed here.
+"""
+
+from collections import deque
+
+import numpy as np
+
+from ruledgraph.errors import RuledgraphError
+from ruledgraph.inertial import ImuBuffer
+from ruledgraph.measurements import MAX_IMU_GAP, Frame, Gap, ImuSample
+from ruledgraph.sensors import Calibration
+from ruledgraph.timing import Messages
+
+# A shorter repetition of one reading is not worth a warning, s.
+_LEAST_HANG = 0.05
+
+
+class Intake:
+    """The latest IMU samples, and the frames that wait for more of them."""
+
+    def __init__(self, calibration: Calibration, warnings: Messages) -> None:
+        self.imu = ImuBuffer()
+        self._calibration = calibration
+        self._warnings = warnings
+        self._origin: int | None = None
+        self._waiting: deque[Frame] = deque()
+        self._image: Frame | None = None
+
+    def seconds(self, stamp: int) -> float:
+        """Time of a stamp of the IMU's clock: since the first one."""
+        if self._origin is None:
+            self._origin = stamp
+        return (stamp - self._origin) * 1e-9
+
+    def frame_time(self, frame: Frame) -> float:
+        """Of the IMU's clock, s."""
+        return self.seconds(frame.stamp) + self._calibration.time_offset
+
+    def add_imu(self, sample: ImuSample) -> Gap | None:
+        """Take in a sample.
+
+        Returns:
+            The gap before it, if the IMU was silent for too long: `begin_anew`, and add it again.
+        """
+        time, before = self.seconds(sample.stamp), self.imu.latest
+        hung = self.imu.append(time, sample.gyroscope, sample.accelerometer)
+        if hung > _LEAST_HANG:
+            self._warnings.append(
+                f"the IMU hung at {before:.2f} s: the same reading for {hung:.2f} s is not used"
+            )
+        if before > -np.inf and self.imu.latest - before > MAX_IMU_GAP * 1e-9:
+            return Gap(sample.stamp - round((time - before) * 1e9), sample.stamp)
+        return None
+
+    def add_image(self, frame: Frame) -> None:
+        """Take in a frame; one whose image repeats the one before shows nothing.
+
+        Raises:
+            RuledgraphError: for an image of another size than the calibration's.
+        """
+        camera = self._calibration.camera
+        if frame.image.shape != (camera.height, camera.width):
+            height, width = frame.image.shape[:2]
+            raise RuledgraphError(
+                f"a frame is {width}x{height}, but the calibration is for {camera.width}x"
+                f"{camera.height}; use the calibration of this camera and resolution"
+            )
+        last, self._image = self._image, frame
+        again = last is not None and np.array_equal(frame.image, last.image)
+        if again and last is not None and frame.stamp != last.stamp:
+            self._warnings.once(
+                "the camera hangs",
+                f"the camera hangs at {self.frame_time(frame):.2f} s: images that repeat the one "
+                "before are not used",
+            )
+            frame = Frame(frame.stamp, np.zeros_like(frame.image))
+        self._waiting.append(frame)
+
+    def next_frame(self) -> Frame | None:
+        """The next frame that the IMU has reached; it waits no longer."""
+        if self._waiting and self.imu.latest >= self.frame_time(self._waiting[0]):
+            return self._waiting.popleft()
+        return None
+
+    def begin_anew(self, stop: int) -> None:
+        """Forget all before a stamp."""
+        self.imu.clear()
+        time = self.seconds(stop)
+        self._waiting = deque(frame for frame in self._waiting if self.frame_time(frame) >= time)
