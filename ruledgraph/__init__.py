@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ruledgraph.calibration import read_calibration as read_calibration
     from ruledgraph.config import Config as Config
     from ruledgraph.config import load_config as load_config
-    from ruledgraph.pipeline import Estimate as Estimate
+    from ruledgraph.estimates import Estimate as Estimate
     from ruledgraph.pipeline import Odometry as Odometry
     from ruledgraph.pipeline import smooth as smooth
     from ruledgraph.recording import open_recording as open_recording
@@ -27,7 +27,7 @@ __version__ = version("ruledgraph")
 _LAZY = {
     "Calibration": "sensors",
     "Config": "config",
-    "Estimate": "pipeline",
+    "Estimate": "estimates",
     "Odometry": "pipeline",
     "load_config": "config",
     "open_recording": "recording",

@@ -2,13 +2,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The odometry: measurements in, estimates out. This file names the stages and their order."""
 
-import time as clock
-from collections import defaultdict, deque
+from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -16,19 +13,17 @@ import numpy as np
 from ruledgraph.config import Config
 from ruledgraph.edges.detect import DETECTORS
 from ruledgraph.edges.gradient import Gradient
+from ruledgraph.estimates import Estimate, Output, Status
 from ruledgraph.initialize import Refusal, is_still, start_at_rest, start_in_motion
 from ruledgraph.intake import Intake
-from ruledgraph.lines import GraphLine, LineEstimate
+from ruledgraph.lines import GraphLine
 from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
 from ruledgraph.monitor import Trust
 from ruledgraph.prediction import by_estimate, by_rotation
-from ruledgraph.segments import Covariances, Drift, Ended, Trial, continued
+from ruledgraph.segments import Drift, Ended, Trial, continued
 from ruledgraph.sensors import Calibration, FloatArray
-from ruledgraph.timing import Messages, Timing
 from ruledgraph.tracks import Tracker
 from ruledgraph.window import Interval, Window
-
-Status = Literal["tracking", "still", "dead reckoning", "doubtful"]
 
 # How long rest must last, s, and how often a start is tried.
 _REST, _BETWEEN_ATTEMPTS = 0.4, 0.25
@@ -51,48 +46,21 @@ class _Seen(NamedTuple):
     """s, on the IMU's clock."""
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
-    """What is known of one frame."""
-
-    stamp: int
-    """ns, the frame's own."""
-    world_T_body: gtsam.Pose3
-    velocity: FloatArray
-    """Of the body in the world, (3,), m/s."""
-    bias: gtsam.imuBias.ConstantBias
-    covariances: Covariances
-    """Of pose (6, 6), velocity (3, 3) and bias (6, 6), as of the last knot when it was new."""
-    lines: int
-    """Lines of the graph that were seen in the frame."""
-    status: Status
-    at_knot: bool
-    """Whether the frame is a knot's, optimised with all before it, or predicted from one."""
-    segment: int = 0
-    """Counts from 0; between two of them there is a gap or a failure."""
-
-
-class Odometry:
+class Odometry(Output):
     """Visual-inertial odometry from lines.
 
     Feed it in order of time with `add`, or `add_imu` and `add_image`; a frame is processed when the
     IMU has reached its time. Take out what has come with the `take_` methods; call `finish` at the
-    end.
+    end. Live estimates after a start in motion wait until it is confirmed, some tenths of a second.
     """
 
     def __init__(self, calibration: Calibration, config: Config | None = None) -> None:
+        super().__init__()
         self.calibration = calibration
         self.config = config or Config()
         edges = self.config.edges
         self.tracker = Tracker(calibration.camera, edges)
         self.window: Window | None = None
-        self.warnings = Messages()
-        self.recoveries = Messages()
-        self.timings: dict[str, Timing] = defaultdict(Timing)
-        """How long each stage took."""
-        self._live: list[Estimate] = []
-        self._smoothed: list[Estimate] = []
-        self._lines: list[LineEstimate] = []
         self._detect = DETECTORS[edges.detector]
         # Segments are detected beside the smoother, which runs on the same frames.
         self._worker = ThreadPoolExecutor(1, "detection")
@@ -154,30 +122,10 @@ class Odometry:
             self.recoveries.append(recovery)
         self.window = None
 
-    # -- output ----------------------------------------------------------------------------------
-
     @property
     def status(self) -> Status:
         """Of the last frame."""
         return self._last_status
-
-    def take_live(self) -> list[Estimate]:
-        """Estimates as known at each frame's time, since the last call.
-
-        Those after a start in motion wait until it is confirmed, some tenths of a second.
-        """
-        taken, self._live = self._live, []
-        return taken
-
-    def take_smoothed(self) -> list[Estimate]:
-        """Estimates of the frames that left the window, since the last call."""
-        taken, self._smoothed = self._smoothed, []
-        return taken
-
-    def take_lines(self) -> list[LineEstimate]:
-        """Lines that left the window, since the last call."""
-        taken, self._lines = self._lines, []
-        return taken
 
     # -- one frame -------------------------------------------------------------------------------
 
@@ -459,12 +407,6 @@ class Odometry:
             while track.sightings and track.sightings[0].stamp < oldest:
                 track.sightings.popleft()
         self._imu.forget(time - keep)
-
-    @contextmanager
-    def _timed(self, stage: str) -> Iterator[None]:
-        start = clock.perf_counter()
-        yield
-        self.timings[stage].add(clock.perf_counter() - start)
 
 
 def smooth(

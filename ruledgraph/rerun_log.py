@@ -24,10 +24,11 @@ import numpy as np
 
 from ruledgraph.closing import Closing
 from ruledgraph.errors import RuledgraphError
+from ruledgraph.estimates import Estimate
 from ruledgraph.lines import LineEstimate
 from ruledgraph.measurements import Frame
 from ruledgraph.overlay import FrameQueue, line_color
-from ruledgraph.pipeline import Estimate, Odometry
+from ruledgraph.pipeline import Odometry
 from ruledgraph.sensors import Calibration, FloatArray
 from ruledgraph.tracks import Track
 

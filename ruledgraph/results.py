@@ -13,8 +13,8 @@ import numpy as np
 
 from ruledgraph.config import Config, config_text
 from ruledgraph.errors import RuledgraphError
+from ruledgraph.estimates import Estimate
 from ruledgraph.lines import LineEstimate
-from ruledgraph.pipeline import Estimate
 from ruledgraph.trajectory import TumWriter, seconds
 from ruledgraph_factors import STANDARD_GRAVITY
 

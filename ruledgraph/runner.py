@@ -12,12 +12,13 @@ from typing import Any, Literal, TypeAlias
 from ruledgraph.ahead import ahead
 from ruledgraph.config import Config
 from ruledgraph.errors import RuledgraphError
+from ruledgraph.estimates import Estimate
 from ruledgraph.evaluation import accuracy
 from ruledgraph.ground_truth import GroundTruth
 from ruledgraph.lines import LineEstimate
 from ruledgraph.measurements import Frame, Measurement
 from ruledgraph.paper_solver import PaperOdometry
-from ruledgraph.pipeline import Estimate, Odometry
+from ruledgraph.pipeline import Odometry
 from ruledgraph.results import Results
 from ruledgraph.sensors import Calibration
 from ruledgraph.trajectory import read_tum

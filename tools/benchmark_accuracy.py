@@ -26,11 +26,12 @@ import numpy as np
 
 from ruledgraph.config import load_config
 from ruledgraph.errors import RuledgraphError
+from ruledgraph.estimates import Estimate
 from ruledgraph.evaluation import accuracy, alignment, matched
 from ruledgraph.ground_truth import GroundTruth, read_ground_truth
 from ruledgraph.lines import LineEstimate
 from ruledgraph.measurements import Frame, Measurement
-from ruledgraph.pipeline import Estimate, Odometry
+from ruledgraph.pipeline import Odometry
 from ruledgraph.segments import heading
 from ruledgraph.sensors import Calibration, FloatArray
 from ruledgraph.simulation import MOTIONS, Simulation

@@ -42,10 +42,11 @@ from scipy.spatial.transform import Rotation
 
 import fault_scenes
 from fault_cases import CLEAN, Case, cases
+from ruledgraph.estimates import Estimate
 from ruledgraph.evaluation import accuracy, matched
 from ruledgraph.ground_truth import GroundTruth
 from ruledgraph.measurements import Gap, Measurement
-from ruledgraph.pipeline import Estimate, Odometry
+from ruledgraph.pipeline import Odometry
 from ruledgraph.recording import Report
 from ruledgraph.recording.inertial import mark_gaps
 from ruledgraph.segments import heading

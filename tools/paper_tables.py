@@ -28,11 +28,12 @@ from scipy.spatial.transform import Rotation
 
 from paper_figures import ROWS, TITLES, Row
 from ruledgraph.errors import RuledgraphError
+from ruledgraph.estimates import Estimate
 from ruledgraph.evaluation import accuracy, axis_differences, point_line_distances
 from ruledgraph.ground_truth import GroundTruth
 from ruledgraph.measurements import ImuSample
 from ruledgraph.paper_solver import PaperOdometry
-from ruledgraph.pipeline import Estimate, Odometry
+from ruledgraph.pipeline import Odometry
 from ruledgraph.sensors import FloatArray
 from ruledgraph.simulation import Simulation, simulate
 from ruledgraph.trajectory import Trajectory

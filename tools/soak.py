@@ -21,8 +21,9 @@ from pathlib import Path
 import click
 import numpy as np
 
+from ruledgraph.estimates import Estimate
 from ruledgraph.measurements import Frame
-from ruledgraph.pipeline import Estimate, Odometry
+from ruledgraph.pipeline import Odometry
 from ruledgraph.segments import heading
 from ruledgraph.simulation import Simulation
 from ruledgraph.simulation.options import simulation_from_options

@@ -2,10 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The window's life: start, extrusion (algorithm 1), sliding (algorithm 2), and the trajectory."""
 
-import time as clock
-from collections import defaultdict, deque
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,15 +11,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ruledgraph.errors import RuledgraphError
+from ruledgraph.estimates import Estimate, Output, Status
 from ruledgraph.inertial import ImuBuffer
 from ruledgraph.lines import LineEstimate
 from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
 from ruledgraph.paper_solver.derotation import Derotation, Inertial, accelerated
 from ruledgraph.paper_solver.start import PointDetector
 from ruledgraph.paper_solver.surfaces import Points, Surfaces, loss, solve
-from ruledgraph.pipeline import Estimate, Status
 from ruledgraph.sensors import Calibration, FloatArray
-from ruledgraph.timing import Messages, Timing
 
 LINES, FRAMES = 4, 140
 # See the package's docstring for what these stand for.
@@ -128,7 +124,7 @@ class Window:
         self.frames.popleft()
 
 
-class PaperOdometry:
+class PaperOdometry(Output):
     """The paper's solver behind the interface of `ruledgraph.pipeline.Odometry`.
 
     Live estimates are the newest frame's in its window, smoothed ones the chain of the windows'
@@ -136,11 +132,9 @@ class PaperOdometry:
     """
 
     def __init__(self, calibration: Calibration) -> None:
+        super().__init__()
         self.calibration = calibration
         self.window: Window | None = None
-        self.warnings = Messages()
-        self.recoveries = Messages()
-        self.timings: dict[str, Timing] = defaultdict(Timing)
         self.status: Status = "tracking"
         self._detector = PointDetector(calibration.camera)
         self._imu = ImuBuffer()
@@ -152,9 +146,6 @@ class PaperOdometry:
         self._place = np.zeros(3)
         """Of the window's first camera in the frame of the first body pose, m."""
         self._ended = False
-        self._live: list[Estimate] = []
-        self._smoothed: list[Estimate] = []
-        self._lines: list[LineEstimate] = []
         self._rulings: list[Rulings] = []
         self._rng = np.random.default_rng(0)
 
@@ -201,21 +192,6 @@ class PaperOdometry:
         self._lines += self._segments(window)
 
     # -- output ----------------------------------------------------------------------------------
-
-    def take_live(self) -> list[Estimate]:
-        """Estimates as known at each frame's time, since the last call."""
-        taken, self._live = self._live, []
-        return taken
-
-    def take_smoothed(self) -> list[Estimate]:
-        """Estimates of the frames that left the window, since the last call."""
-        taken, self._smoothed = self._smoothed, []
-        return taken
-
-    def take_lines(self) -> list[LineEstimate]:
-        """The lines of the last window, once finished."""
-        taken, self._lines = self._lines, []
-        return taken
 
     def take_rulings(self) -> list[Rulings]:
         """The lines of the windows that were left, since the last call."""
@@ -376,9 +352,3 @@ class PaperOdometry:
 
     def _time(self, frame: Frame) -> float:
         return self._seconds(frame.stamp) + self.calibration.time_offset
-
-    @contextmanager
-    def _timed(self, stage: str) -> Iterator[None]:
-        start = clock.perf_counter()
-        yield
-        self.timings[stage].add(clock.perf_counter() - start)

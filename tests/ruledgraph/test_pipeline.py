@@ -9,9 +9,10 @@ import pytest
 import ruledgraph
 from ruledgraph.config import load_config
 from ruledgraph.errors import RuledgraphError
+from ruledgraph.estimates import Estimate
 from ruledgraph.evaluation import alignment
 from ruledgraph.measurements import Frame, Gap, ImuSample
-from ruledgraph.pipeline import Estimate, Odometry
+from ruledgraph.pipeline import Odometry
 from ruledgraph.segments import Trial, heading
 from ruledgraph.window import Window
 from ruledgraph_factors import kernel

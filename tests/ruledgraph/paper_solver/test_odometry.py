@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from ruledgraph.calibration import write_kalibr
 from ruledgraph.cli import main
+from ruledgraph.estimates import Estimate
 from ruledgraph.evaluation import axis_differences
 from ruledgraph.ground_truth import GroundTruth
 from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
 from ruledgraph.paper_solver import PaperOdometry
 from ruledgraph.paper_solver.start import PointDetector
-from ruledgraph.pipeline import Estimate
 from ruledgraph.recording import write_recording
 from ruledgraph.simulation import Simulation, simulate
 from ruledgraph.trajectory import Trajectory
