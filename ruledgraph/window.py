@@ -47,7 +47,7 @@ _NEW_LINE = np.array([1.0, 1.0, 0.05, 0.05])
 # one this closely.
 _MOVED, _SAME_LINE = 0.05, 1e-4
 # Lines whose covariance is computed anew at a knot; each takes as long as ten factors.
-_COVARIANCES = 3
+_COVARIANCES = 4
 # Where a window is rebuilt its first state is trusted this much less than it said.
 _REBUILD_INFLATION = 2.0
 
@@ -396,8 +396,7 @@ class Window:
         if pose is not None and velocity is not None and bias is not None:
             self.newest.covariances = pose, velocity, bias
         # A line's covariance shrinks as it is seen: an old one errs on the safe side.
-        seen = (line for line in self.lines.values() if line.last_time == self.newest.time)
-        stalest = sorted(seen, key=lambda line: line.covariance_time)
+        stalest = sorted(self.lines.values(), key=lambda line: line.covariance_time)
         for line in stalest[:_COVARIANCES]:
             covariance = self._smoother.covariance(line.key)
             line.covariance_time = self.newest.time
