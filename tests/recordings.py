@@ -173,7 +173,12 @@ def sequence(
     for i in range(round(duration * frame_rate)):
         stamp = T0 + i * SECOND // frame_rate + MS
         measurements.append(Frame(stamp, texture(i, shape)))
-    return sorted(measurements, key=lambda m: m[0])
+    return sorted(measurements, key=lambda m: fields(m)[0])
+
+
+def fields(m: Measurement) -> tuple:
+    """What a measurement holds, its stamp first."""
+    return (m.stamp, m.image) if isinstance(m, Frame) else tuple(m)
 
 
 def entries_of(measurements: Iterable[Measurement]) -> list[Entry]:
@@ -189,9 +194,9 @@ def entries_of(measurements: Iterable[Measurement]) -> list[Entry]:
 
 def assert_same(got: Sequence[Measurement], expected: Sequence[Measurement]) -> None:
     """Equal bit for bit."""
-    assert [(type(m), m[0]) for m in got] == [(type(m), m[0]) for m in expected]
+    assert [(type(m), fields(m)[0]) for m in got] == [(type(m), fields(m)[0]) for m in expected]
     for a, b in zip(got, expected, strict=True):
-        for x, y in zip(a[1:], b[1:], strict=True):
+        for x, y in zip(fields(a)[1:], fields(b)[1:], strict=True):
             np.testing.assert_array_equal(x, y)
 
 

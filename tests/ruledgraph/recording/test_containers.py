@@ -15,6 +15,7 @@ from recordings import (
     T0,
     assert_same,
     entries_of,
+    fields,
     image,
     imu,
     sequence,
@@ -94,7 +95,7 @@ def test_asl_with_windows_line_ends_two_cameras_and_a_path_in_its_names(tmp_path
 
 def test_split_rosbag2_is_one_recording(tmp_path: Path) -> None:
     measurements = sequence(3.0)
-    parts = [[m for m in measurements if (m[0] - T0) // 10**9 == i] for i in range(3)]
+    parts = [[m for m in measurements if (fields(m)[0] - T0) // 10**9 == i] for i in range(3)]
     folder = tmp_path / "split"
     folder.mkdir()
     # In an order that is not that of the names.
@@ -167,7 +168,7 @@ def test_messages_of_other_topics(tmp_path: Path) -> None:
     measurements = sequence()
     path = write_bag(tmp_path / "a.bag", "rosbag1", entries_of(measurements))
     recording = open_recording(path)
-    stamps = [m[0] for m in measurements if hasattr(m, "gyroscope")]
+    stamps = [fields(m)[0] for m in measurements if hasattr(m, "gyroscope")]
     messages = list(recording.messages("imu0"))
     assert [stamp for stamp, _ in messages] == stamps
     assert messages[0][1].linear_acceleration.x == measurements[0][2][0]  # type: ignore[index]

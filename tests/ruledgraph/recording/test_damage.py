@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recordings import BAGS, assert_same, entries_of, sequence, write_asl, write_bag
+from recordings import BAGS, assert_same, entries_of, fields, sequence, write_asl, write_bag
 from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
 from ruledgraph.recording import RecordingError, Report, open_recording
 
@@ -73,13 +73,13 @@ def storage(path: Path) -> Path:
 
 def originals(found: Sequence[Measurement]) -> tuple[int, int]:
     """How many of the measurements are as they were recorded, and how many are not."""
-    expected = {(type(m), m[0]): m for m in MEASUREMENTS}
+    expected = {(type(m), fields(m)[0]): m for m in MEASUREMENTS}
     same = 0
     found = [m for m in found if not isinstance(m, Gap)]
     for m in found:
-        other = expected.get((type(m), m[0]))
+        other = expected.get((type(m), fields(m)[0]))
         same += other is not None and all(
-            np.array_equal(x, y) for x, y in zip(m[1:], other[1:], strict=True)
+            np.array_equal(x, y) for x, y in zip(fields(m)[1:], fields(other)[1:], strict=True)
         )
     return same, len(found) - same
 
@@ -150,8 +150,8 @@ def test_checksums_of_mcap_chunks(tmp_path: Path) -> None:
     storage(path).write_bytes(data)
     recording = open_recording(path)
     kept = [m for m in recording.stream() if not isinstance(m, Gap)]
-    expected = {m[0] for m in kept}
-    assert_same(kept, [m for m in measurements if m[0] in expected])
+    expected = {fields(m)[0] for m in kept}
+    assert_same(kept, [m for m in measurements if fields(m)[0] in expected])
     assert 0 < len(kept) < len(measurements)
     assert "is damaged: its checksum does not match" in recording.report.warnings[0]
     assert recording.report.bytes_lost > 1_000_000

@@ -15,6 +15,7 @@ from recordings import (
     T0,
     assert_same,
     entries_of,
+    fields,
     image,
     imu,
     sequence,
@@ -121,7 +122,9 @@ def test_export(tmp_path: Path) -> None:
     result = run("export", path, out, "--format", "asl", "--duration", 1)
     assert (result.returncode, result.stderr) == (0, "")
     assert result.stdout == f"{out}: 10 frames, 100 IMU samples\n"
-    assert_same(list(open_recording(out).stream()), [m for m in measurements if m[0] < T0 + SECOND])
+    assert_same(
+        list(open_recording(out).stream()), [m for m in measurements if fields(m)[0] < T0 + SECOND]
+    )
     again = run("export", path, out, "--format", "rosbag2")
     assert (again.returncode, again.stdout) == (2, "")
     assert again.stderr == (f"ruledgraph: {out} exists already; remove it or choose another name\n")

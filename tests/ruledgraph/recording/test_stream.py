@@ -16,6 +16,7 @@ from recordings import (
     assert_same,
     compressed_image,
     entries_of,
+    fields,
     image,
     imu,
     png,
@@ -70,7 +71,7 @@ def test_what_comes_too_late_is_dropped(record: Callable[..., Recording]) -> Non
     late = next(e for e in entries if e.topic != "/imu0" and e.stamp > T0 + SECOND)
     entries = [e._replace(delay=700 * MS) if e is late else e for e in entries]
     recording = record(in_reception_order(entries))
-    assert_same(list(recording.stream()), [m for m in measurements if m[0] != late.stamp])
+    assert_same(list(recording.stream()), [m for m in measurements if fields(m)[0] != late.stamp])
     assert recording.report.warnings == [
         "1 frame skipped: its stamp is more than 0.5 s behind others"
     ]
@@ -86,7 +87,7 @@ def test_one_stamp_far_off_is_dropped_alone(
     odd = entries[index]
     entries[index] = odd._replace(stamp=odd.stamp + jump, delay=-jump)
     recording = record(entries)
-    assert_same(list(recording.stream()), [m for m in measurements if m[0] != odd.stamp])
+    assert_same(list(recording.stream()), [m for m in measurements if fields(m)[0] != odd.stamp])
     (warning,) = recording.report.warnings
     assert "its stamp" in warning
 
@@ -100,7 +101,7 @@ def test_crop(record: Callable[..., Recording]) -> None:
         for e in entries
     ]
     recording = record(entries, start=1.0, duration=1.5)
-    expected = [m for m in measurements if T0 + SECOND <= m[0] < T0 + 2.5 * SECOND]
+    expected = [m for m in measurements if T0 + SECOND <= fields(m)[0] < T0 + 2.5 * SECOND]
     assert_same(list(recording.stream()), expected)
     assert recording.report.warnings == []
 
@@ -137,7 +138,7 @@ def test_a_split_imu_is_interpolated(record: Callable[..., Recording]) -> None:
     entries += [imu(s, w=[0, 0, 0], a=force(s), topic=ACCEL) for s in accel]
     recording = record(in_reception_order(entries))
     found = list(recording.stream())
-    assert [m[0] for m in found] == sorted(m[0] for m in found)
+    assert [fields(m)[0] for m in found] == sorted(fields(m)[0] for m in found)
     assert stamps(found, Frame) == [e.stamp for e in frames]
     inside = [s for s in gyro if accel[0] <= s <= accel[-1]]
     assert stamps(found, ImuSample) == inside
@@ -167,7 +168,9 @@ def test_a_pause_of_the_accelerometer_is_not_bridged(record: Callable[..., Recor
 def test_gaps_of_the_imu_end_a_segment(record: Callable[..., Recording]) -> None:
     measurements = sequence(4.0)
     silent = (T0 + SECOND, T0 + 2 * SECOND)
-    kept = [m for m in measurements if isinstance(m, Frame) or not silent[0] <= m[0] < silent[1]]
+    kept = [
+        m for m in measurements if isinstance(m, Frame) or not silent[0] <= fields(m)[0] < silent[1]
+    ]
     recording = record(entries_of(kept))
     found = list(recording.stream())
     gap = Gap(T0 + 990 * MS, silent[1])
@@ -300,6 +303,6 @@ def test_one_bad_clock_jump_back_is_reported(record: Callable[..., Recording]) -
     ]
     recording = record(entries)
     found = list(recording.stream())
-    assert_same(found, [m for m in measurements if m[0] <= T0 + SECOND])
+    assert_same(found, [m for m in measurements if fields(m)[0] <= T0 + SECOND])
     assert len(recording.report.warnings) == 2
     assert all("more than 0.5 s behind others" in line for line in recording.report.warnings)
