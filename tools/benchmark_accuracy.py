@@ -148,7 +148,9 @@ def run(case: Case) -> dict[str, Any]:
         row |= {name: 1e3 * found.ate_rmse, f"{name} max": 1e3 * found.ate_max}
         row["path"] = found.path_length
     if simulation is not None:
-        row |= _nees(live, simulation) | _line_errors(lines, smoothed, truth, simulation)
+        row |= _nees(live, smoothed[0], simulation) | _line_errors(
+            lines, smoothed, truth, simulation
+        )
     return row
 
 
@@ -177,21 +179,23 @@ def _trajectory(estimates: Sequence[Estimate]) -> Trajectory:
     return Trajectory.from_poses([e.stamp for e in estimates], [e.world_T_body for e in estimates])
 
 
-def _nees(live: Sequence[Estimate], simulation: Simulation) -> dict[str, float]:
-    """Mean over the knots of e^T S^-1 e for each degree of freedom; place and yaw of the world are
-    those of the first knot.
+def _nees(
+    live: Sequence[Estimate], beginning: Estimate, simulation: Simulation
+) -> dict[str, float]:
+    """Mean over the live knots of e^T S^-1 e for each degree of freedom; place and heading of the
+    world are fixed where the window began, which the covariances count from.
     """
     knots = [e for e in live if e.at_knot]
-    true = simulation.truth(np.array([e.stamp for e in knots]))
+    true = simulation.truth(np.array([beginning.stamp, *(e.stamp for e in knots)]))
     poses = [
         gtsam.Pose3(gtsam.Rot3(R), p) for R, p in zip(true.rotation, true.position, strict=True)
     ]
-    first = knots[0].world_T_body
+    first = beginning.world_T_body
     yaw = heading(true.rotation[:1], first.rotation().matrix()[None])
     shift = poses[0].translation() - yaw.rotate(first.translation())
     true_T_world = gtsam.Pose3(yaw, shift)
     nees: dict[str, list[float]] = {"pose": [], "velocity": [], "bias": []}
-    for i, knot in enumerate(knots):
+    for i, knot in enumerate(knots, start=1):
         pose, velocity, bias = knot.covariances
         errors = (
             gtsam.Pose3.Logmap(true_T_world.compose(knot.world_T_body).between(poses[i])),
