@@ -49,7 +49,7 @@ class EdgesConfig:
 class WindowConfig:
     """Knots, lag and loss of the fixed-lag smoother."""
 
-    knot_interval: float = 0.1
+    knot_interval: float = 0.2
     """Time between states, s."""
     lag: float = 1.55
     """s; the paper's 140 frames at 90 fps."""

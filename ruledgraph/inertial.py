@@ -51,7 +51,7 @@ class ImuBuffer:
         if time <= (self._repeats or self._times or [-np.inf])[-1]:
             return hung
         value = np.concatenate([gyroscope, accelerometer])
-        if self._values and np.array_equal(value, self._values[-1]):
+        if self._values and (value == self._values[-1]).all():
             self._repeats.append(time)
             return hung
         if len(self._repeats) >= _REPEATS:

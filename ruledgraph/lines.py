@@ -11,6 +11,7 @@ import numpy as np
 from ruledgraph.sensors import FloatArray
 from ruledgraph.tracks import Track
 from ruledgraph_factors import FactorError, LineChart
+from ruledgraph_factors.so3 import hat
 
 # World coordinates (6,) and their derivative (6, 4).
 Plucker: TypeAlias = tuple[FloatArray, FloatArray]
@@ -80,7 +81,7 @@ class GraphLine:
         if length < _INFINITE:
             return
         direction = direction / length
-        foot = np.cross(direction, moment) / length
+        foot = hat(direction) @ moment / length
         # Counted from the point next to the anchor, as by `LineChart.end_points`.
         foot += direction * (direction @ (self.chart.world_T_anchor.translation() - foot))
         rotation, centre = world_T_cam.rotation().matrix(), world_T_cam.translation()

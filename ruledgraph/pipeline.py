@@ -29,8 +29,8 @@ from ruledgraph.window import Interval, Window
 _REST, _BETWEEN_ATTEMPTS = 0.4, 0.25
 # Frames and knots at these intervals (s) are on time when they come this much early.
 _EARLY = 0.004
-# New lines are looked for this often, s.
-_DETECT_INTERVAL = 0.1
+# New lines are looked for this often, s; where there were none, less and less often.
+_DETECT_INTERVAL, _LONGEST_DETECT_INTERVAL = 0.1, 0.4
 # With fewer lines of the graph in view for so long (s), the IMU alone carries the estimate.
 _FEWEST_LINES, _LINES_MISSING = 2, 0.3
 # Measurements are kept this much longer than the window, s.
@@ -68,6 +68,7 @@ class Odometry(Output):
         self._imu = self._intake.imu
         self._frames: deque[_Seen] = deque()
         self._last_attempt = self._last_detection = self._last_lines = -np.inf
+        self._detect_interval = _DETECT_INTERVAL
         self._state = gtsam.NavState()
         self._status: Status = "tracking"
         self._last_status: Status = "tracking"
@@ -145,15 +146,18 @@ class Odometry(Output):
         with self._timed("search"):
             lines = self._follow(seen, gradient)
         self._frames.append(seen)
+        due = self._is_knot_due(seen.time)
         segments = None
-        if seen.time - self._last_detection >= _DETECT_INTERVAL - _EARLY:
+        # At a knot it costs no time: the smoother works meanwhile.
+        wanted = seen.time - self._last_detection >= self._detect_interval - _EARLY
+        if wanted and (due or self.window is None):
             self._last_detection = seen.time
             segments = self._worker.submit(self._detect, frame.image)
         at_knot = False
         if self.window is None:
             with self._timed("start"):
                 at_knot = self._try_start(seen)
-        elif seen.time - self.window.newest.time >= self.config.window.knot_interval - _EARLY:
+        elif due:
             with self._timed("smoother"):
                 self._add_knot([f for f in self._frames if f.time > self.window.newest.time])
                 self._optimize(self.window)
@@ -172,7 +176,9 @@ class Odometry(Output):
         if segments is not None:
             with self._timed("detection"):
                 self.tracker.drop_twins()
-                self.tracker.start_new(seen.stamp, seen.time, segments.result(), gradient)
+                started = self.tracker.start_new(seen.stamp, seen.time, segments.result(), gradient)
+                longer = min(2.0 * self._detect_interval, _LONGEST_DETECT_INTERVAL)
+                self._detect_interval = _DETECT_INTERVAL if started else longer
         self._forget(seen.time)
 
     def _follow(self, seen: _Seen, gradient: Gradient) -> int:
@@ -206,6 +212,11 @@ class Odometry(Output):
             edge is not None and track.number in known
             for track, edge in zip(tracks, found, strict=True)
         )
+
+    def _is_knot_due(self, time: float) -> bool:
+        if self.window is None:
+            return False
+        return time - self.window.newest.time >= self.config.window.knot_interval - _EARLY
 
     def _is_blind(self, window: Window, time: float) -> bool:
         """Whether the IMU's prediction crosses a hole that no line has bridged yet."""

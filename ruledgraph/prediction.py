@@ -14,6 +14,7 @@ from ruledgraph.edges.search import Ruling, normal_of
 from ruledgraph.lines import GraphLine
 from ruledgraph.sensors import FloatArray
 from ruledgraph.tracks import Track
+from ruledgraph_factors.so3 import hat
 
 # Deviation of a predicted ruling that the motion's uncertainty leaves, px, and the most.
 _MOTION_SIGMA, _MOST_SIGMA = 1.2, 8.0
@@ -63,7 +64,8 @@ def by_estimate(
     by_delta = np.array([line.plucker[1] for line in lines])
     moment, direction = plucker[:, :3], plucker[:, 3:]
     R, p = world_T_cam.rotation().matrix(), world_T_cam.translation()
-    m = (moment - np.cross(p, direction)) @ R
+    by_place = hat(p)
+    m = (moment - direction @ by_place.T) @ R
     size = np.hypot(m[:, 0], m[:, 1])[:, None]
     ends = np.array([ruling.ends for ruling in otherwise])
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -74,7 +76,7 @@ def by_estimate(
         # Onto the ruling.
         off = np.einsum("nei,ni->ne", _rays(ends), m)
         ends -= off[..., None] * (m[:, :2] / size**2)[:, None]
-        by_m = R.T @ (by_delta[:, :3] - np.cross(p, by_delta[:, 3:], axisb=1, axisc=1))
+        by_m = R.T @ (by_delta[:, :3] - by_place @ by_delta[:, 3:])
         gradient = _rays(ends) @ by_m / size[..., None]
     covariances = np.array([line.covariance for line in lines])
     variance = np.einsum("nei,nij,nej->ne", gradient, covariances, gradient)
@@ -99,7 +101,7 @@ def _ends_in_space(
     """
     length = np.linalg.norm(direction, axis=1, keepdims=True)
     unit = direction / np.where(length > 1e-6, length, np.nan)
-    foot = np.cross(unit, moment / length)
+    foot = (hat(unit) @ (moment / length)[..., None])[..., 0]
     rays = _rays(np.array([line.track.ends for line in lines]))
     rays = rays @ world_T_before.rotation().matrix().T
     rays /= np.linalg.norm(rays, axis=2, keepdims=True)

@@ -7,7 +7,6 @@ predicted from the gyroscope's rotation and its own motion across itself; once i
 from the estimate.
 """
 
-import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -81,6 +80,13 @@ class Track:
         """Whether it has not been found for too long."""
         return self.misses > _MOST_MISSES
 
+    def miss(self, time: float) -> None:
+        """Take note that it was not found, s."""
+        self.misses += 1
+        if time - self.last_seen > _LONGEST_MISS:
+            self.misses = max(self.misses, _MOST_MISSES)
+        self.sigma = min(1.5 * self.sigma, _MOST_SIGMA)
+
     def give_up(self) -> None:
         """Make it lost."""
         self.misses = _MOST_MISSES + 1
@@ -121,53 +127,53 @@ class Tracker:
         else:
             searched = iter(search_all(gradient, self._camera, inside, beyond))
         found: list[EdgePoints | None] = []
-        for track, part, seen in zip(self.tracks, ends, visible, strict=True):
-            if seen:
-                found.append(self._update(time, track, part, next(searched)))
+        seen: list[tuple[Track, EdgePoints]] = []
+        for track, part, in_view in zip(self.tracks, ends, visible, strict=True):
+            edge = next(searched) if in_view else None
+            if edge is not None and self._is_good(edge):
+                found.append(edge)
+                seen.append((track, edge))
             else:
-                track.give_up()
                 found.append(None)
-        seen = [(t, edge) for t, edge in zip(self.tracks, found, strict=True) if edge is not None]
-        self._sight(stamp, seen)
-        self._give_up_short([track for track, _ in seen])
+                track.ends = part
+                track.miss(time)
+            if not in_view:
+                track.give_up()
+        if seen:
+            is_seen = [edge is not None for edge in found]
+            self._move(time, seen, ends[is_seen])
+            self._sight(stamp, seen)
         return found
 
+    def _is_good(self, edge: EdgePoints) -> bool:
+        return not edge.ambiguous and edge.deviation <= self._straight
+
     def _sight(self, stamp: int, seen: Sequence[tuple[Track, EdgePoints]]) -> None:
-        if not seen:
-            return
         most = self._config.effective_points
         points = [edge.points for _, edge in seen]
         compressed = CompressedPoints.from_frames(points, effective_points=most)
         for (track, edge), statistics in zip(seen, compressed.statistics, strict=True):
             track.sightings.append(Sighting(stamp, edge.points, statistics))
 
-    def _update(
-        self, time: float, track: Track, ends: FloatArray, found: EdgePoints | None
-    ) -> EdgePoints | None:
-        """Take in what the search between `ends` found; None if it is not good enough."""
-        if found is None or found.ambiguous or found.deviation > self._straight:
-            track.ends = ends
-            track.misses += 1
-            if time - track.last_seen > _LONGEST_MISS:
-                track.misses = max(track.misses, _MOST_MISSES)
-            track.sigma = min(1.5 * track.sigma, _MOST_SIGMA)
-            return None
-        a, b = found.line
-        offsets = np.array([a, a + b])
-        gain = 0.7 if track.misses == 0 else 0.3
-        track.rates = track.rates + gain * offsets / max(time - track.last_seen, 1e-3)
-        track.sigma = max(_LEAST_SIGMA + 0.8, 0.7 * track.sigma)
-        track.ends = _extent(ends, found)
-        track.slope = 0.8 * track.slope + 0.2 * found.slope
-        track.misses = 0
-        track.last_seen = time
-        return found
-
-    def _give_up_short(self, tracks: Sequence[Track]) -> None:
-        ends = self._in_pixels(tracks)
-        lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-        for track, length in zip(tracks, lengths, strict=True):
-            if length < _SHORTEST:
+    def _move(
+        self, time: float, seen: Sequence[tuple[Track, EdgePoints]], predicted: FloatArray
+    ) -> None:
+        """Take tracks from their predicted ends (N, 2, 2) to where they were found."""
+        tracks, edges = [track for track, _ in seen], [edge for _, edge in seen]
+        offsets = np.cumsum([edge.line for edge in edges], axis=1)  # at both ends
+        elapsed = time - np.array([track.last_seen for track in tracks])
+        gains = np.where([track.misses == 0 for track in tracks], 0.7, 0.3)
+        gains /= np.maximum(elapsed, 1e-3)
+        rates = np.array([track.rates for track in tracks]) + gains[:, None] * offsets
+        ends = _extents(predicted, edges)
+        along = ends[:, 1] - ends[:, 0]
+        short = np.hypot(along[:, 0], along[:, 1]) * self._camera.focal_length < _SHORTEST
+        for i, (track, edge) in enumerate(seen):
+            track.ends, track.rates = ends[i], rates[i]
+            track.sigma = max(_LEAST_SIGMA + 0.8, 0.7 * track.sigma)
+            track.slope = 0.8 * track.slope + 0.2 * edge.slope
+            track.misses, track.last_seen = 0, time
+            if short[i]:
                 track.give_up()
 
     def drop_lost(self) -> None:
@@ -199,17 +205,17 @@ class Tracker:
         few = len(moved) < _FEWEST_MOVING
         return np.inf if few else float(np.median(moved)) * self._camera.focal_length
 
-    def start_new(self, stamp: int, time: float, segments: FloatArray, gradient: Gradient) -> None:
-        """Start tracks on segments (N, 2, 2), in px, until there are enough."""
-        wanted = self._config.max_lines - len(self.tracks)
+    def start_new(self, stamp: int, time: float, segments: FloatArray, gradient: Gradient) -> int:
+        """Start tracks on segments (N, 2, 2), in px, until there are enough; returns how many."""
+        room = wanted = self._config.max_lines - len(self.tracks)
         if wanted <= 0:
-            return
+            return 0
         candidates = self._candidates(segments, gradient)
         found = search_all(gradient, self._camera, candidates)
         for ruling, edge in zip(candidates, found, strict=True):
             if edge is None or edge.deviation > self._straight or edge.support < _FULL:
                 continue
-            ends = _extent(ruling.ends, edge)
+            (ends,) = _extents(ruling.ends[None], [edge])
             # Two candidates may be one line as well.
             if self._twins(ends[None], np.array([edge.slope]), self.tracks).any():
                 continue
@@ -220,6 +226,7 @@ class Tracker:
             wanted -= 1
             if wanted == 0:
                 break
+        return room - wanted
 
     def _candidates(self, segments: FloatArray, gradient: Gradient) -> list[Ruling]:
         """Segments that are long enough and not followed yet, those worth most first."""
@@ -290,17 +297,24 @@ def _segments(tracks: Sequence[Track]) -> tuple[FloatArray, FloatArray]:
     return ends, np.array([track.slope for track in tracks])
 
 
-def _extent(ends: FloatArray, found: EdgePoints) -> FloatArray:
-    """The segment's ends moved onto the line through its points, and towards the outermost ones."""
-    middle = found.points.mean(axis=0)
-    from_middle = found.points - middle
-    (xx, xy), (_, yy) = (from_middle.T @ from_middle).tolist()
-    angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
-    direction = np.array([math.cos(angle), math.sin(angle)])
-    if direction @ (ends[1] - ends[0]) < 0.0:
-        direction = -direction
-    predicted = (ends - middle) @ direction
-    reached = np.sort(from_middle @ direction)
-    # One stray point does not stretch it.
-    seen = np.array([reached[1], reached[-2]])
-    return np.asarray(middle + (predicted + 0.3 * (seen - predicted))[:, None] * direction)
+def _extents(ends: FloatArray, found: Sequence[EdgePoints]) -> FloatArray:
+    """Segments' ends (N, 2, 2) moved onto the lines through their points, and towards the
+    outermost ones.
+    """
+    points = np.concatenate([edge.points for edge in found])
+    counts = np.array([len(edge.points) for edge in found])
+    first = np.cumsum(counts) - counts
+    middle = np.add.reduceat(points, first) / counts[:, None]
+    from_middle = points - np.repeat(middle, counts, axis=0)
+    x, y = from_middle.T
+    xx, xy, yy = (np.add.reduceat(product, first) for product in (x * x, x * y, y * y))
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    backwards = np.sum(direction * (ends[:, 1] - ends[:, 0]), axis=1) < 0.0
+    direction[backwards] *= -1.0
+    # One stray point does not stretch it: the second and the last but one, in order along it.
+    outer = from_middle[np.stack([first + 1, first + counts - 2], axis=1)]
+    reached = np.einsum("nei,ni->ne", outer, direction)
+    predicted = np.einsum("nei,ni->ne", ends - middle[:, None], direction)
+    along = predicted + 0.3 * (reached - predicted)
+    return np.asarray(middle[:, None] + along[..., None] * direction[:, None])

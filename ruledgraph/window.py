@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The window: knots, the graph between them, and the lines that enter and leave it."""
 
+import math
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -24,6 +26,7 @@ from ruledgraph_factors import (
     FrameMotion,
     LineChart,
     RuledSurfaceFactor,
+    line_distance_prior,
     preintegrate_frames,
     ruled_surface_factor,
     same_line_factor,
@@ -37,12 +40,16 @@ _FEWEST_SIGHTINGS = 3
 _NEAREST_INVERSE = 20.0
 # An estimate that departs from the IMU's prediction by more has diverged (m, m/s).
 _JUMP, _VELOCITY_JUMP = 1.0, 3.0
-_STILL_VELOCITY = 0.01
+# The velocity (m/s) of a knot that lies so long (s) before the end of a rest. Later ones may have
+# begun to move.
+_STILL_VELOCITY, _MID_REST = 0.002, 0.2
 # Beyond these the estimate has run away: m/s, and biases in rad/s and m/s^2.
 _FASTEST, _WORST_GYROSCOPE, _WORST_ACCELEROMETER = 50.0, 0.5, 3.0
 # Prior deviations of a new line's chart. Its plane was seen, and the window is too short to drift
 # by more; left free like `NEW_LINE_SIGMAS`, one bad step carries an outlier where no point pulls.
 _NEW_LINE = np.array([1.0, 1.0, 0.05, 0.05])
+# How far away a line is, m, and by what factor that may be wrong.
+_DISTANCE, _DISTANCE_FACTOR = 3.0, 4.0
 # A line this far (rad) from where its factors are linearised gets a new variable, tied to the old
 # one this closely.
 _MOVED, _SAME_LINE = 0.05, 1e-4
@@ -75,7 +82,7 @@ class Interval:
     imu_factors: list[gtsam.NonlinearFactor]
     known: int
     """How many of its frames come before a hole of the IMU: the others' poses are guesses."""
-    line_factors: list[tuple[GraphLine, RuledSurfaceFactor]] = field(default_factory=list)
+    observations: list["Observation"] = field(default_factory=list)
 
     @property
     def is_known(self) -> bool:
@@ -88,9 +95,24 @@ class Interval:
 
     def seen(self, track: Track) -> tuple[list[int], list[Sighting]]:
         """In which of its known frames a track was seen, and what there."""
+        hits: list[Sighting] = []
+        for sighting in reversed(track.sightings):
+            if sighting.stamp < self.stamps[0]:
+                break
+            hits.append(sighting)
         places = {stamp: i for i, stamp in enumerate(self.stamps[: self.known])}
-        hits = [s for s in track.sightings if s.stamp in places]
-        return [places[s.stamp] for s in hits], hits
+        hits = [sighting for sighting in reversed(hits) if sighting.stamp in places]
+        return [places[sighting.stamp] for sighting in hits], hits
+
+
+class Observation(NamedTuple):
+    """A line in an interval."""
+
+    line: GraphLine
+    factor: RuledSurfaceFactor
+    points: CompressedPoints
+    last: tuple[int, FloatArray]
+    """The last frame that saw it, by its place in the interval, and the points there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +220,7 @@ class Window:
             times: of the frames, s, increasing, after the newest knot.
             imu: samples that cover them.
             tracks: all there are.
-            still: whether the body rests at the new knot.
+            still: whether the body has been at rest for some time up to the new knot.
         """
         knot = self.newest
         k = knot.index
@@ -217,9 +239,10 @@ class Window:
         imu_factors: list[gtsam.NonlinearFactor] = [
             gtsam.CombinedImuFactor(X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1), preintegrated)
         ]
-        if still:
+        rested = [knot.index for knot in self.knots if knot.time <= new.time - _MID_REST]
+        if still and rested:
             no_motion = noiseModel.Isotropic.Sigma(3, _STILL_VELOCITY)
-            imu_factors.append(gtsam.PriorFactorVector(V(k + 1), np.zeros(3), no_motion))
+            imu_factors.append(gtsam.PriorFactorVector(V(rested[-1]), np.zeros(3), no_motion))
         for factor in imu_factors:
             self._new_factors.add(factor)
         motion = preintegrate_frames(samples, knot.time, times, knot.bias)
@@ -255,7 +278,8 @@ class Window:
         factor = ruled_surface_factor(
             noise, X(k), V(k), B(k), line.key, motion, line.chart, compressed, self._body_T_cam
         )
-        interval.line_factors.append((line, factor))
+        last = index[-1], sightings[-1].points
+        interval.observations.append(Observation(line, factor, compressed, last))
         self._new_factors.add(factor)
         line.points += sum(len(sighting.points) for sighting in sightings)
         line.last_stamp = max(line.last_stamp, interval.stamps[index[-1]])
@@ -297,7 +321,8 @@ class Window:
         self._lines_so_far += 1
         self.lines[track.number] = line
         self._new_values.insert(line.key, delta)
-        self._new_factors.add(_line_prior(line))
+        for prior in _line_priors(line):
+            self._new_factors.add(prior)
         for interval, _, _ in seen:
             self._observe(interval, line)
 
@@ -308,9 +333,11 @@ class Window:
         that was not seen from two places by then would keep a depth of which nothing was known.
         """
         old_key, key = line.key, L(self._lines_so_far)
-        # The tie is linear: what it leaves out is of the order of the variance.
-        variance = float(np.linalg.eigvalsh(line.covariance)[-1])
-        noise = noiseModel.Diagonal.Sigmas(np.minimum(_SAME_LINE + variance, _NEW_LINE))
+        # The tie is linear. With the same anchor that is exact for the distance; of the turns it
+        # leaves out what is of second order, in the plane's as products with the direction's.
+        turns = np.sqrt(np.diag(line.covariance)[1:])
+        left_out = np.concatenate([[0.0], turns[0] * turns])
+        noise = noiseModel.Diagonal.Sigmas(np.minimum(_SAME_LINE + left_out, _NEW_LINE))
         anchor = line.chart.world_T_anchor
         try:
             factor, chart = same_line_factor(noise, old_key, key, line.chart, line.delta, anchor)
@@ -364,8 +391,8 @@ class Window:
             interval = self.intervals.popleft()
             gone.append(interval)
             self.knots.popleft()
-            for line, factor in interval.line_factors:
-                line.fixed |= factor.keys()[-1] == line.key
+            for line, factor, _, _ in interval.observations:
+                line.fixed |= factor.spec.keys[-1] == line.key
         for number in [n for n, line in self.lines.items() if line.last_time < oldest]:
             self.retired.append(self.lines.pop(number))
         return gone
@@ -407,14 +434,12 @@ class Window:
         """Retire lines that do not fit their points or lie behind the camera."""
         interval = self.intervals[-1]
         poses = interval.poses()
-        for line, factor in interval.line_factors:
-            if factor.keys()[-1] != line.key or self.lines.get(line.track.number) is not line:
+        at_knot = factor_state(interval.knot.state, interval.knot.bias, np.zeros(4))
+        for line, factor, points, (place, last_points) in interval.observations:
+            if factor.spec.keys[-1] != line.key or self.lines.get(line.track.number) is not line:
                 continue  # it was just re-anchored, or dropped
-            state = factor_state(interval.knot.state, interval.knot.bias, line.delta)
-            value = factor.evaluate(state, False).value
-            points = factor.spec.points
-            assert isinstance(points, CompressedPoints)  # noqa: S101 - see `_observe`
-            off = float(np.linalg.norm(value)) / np.sqrt(points.weight) * self._focal
+            value = factor.evaluate(at_knot._replace(line=line.delta), False).value
+            off = math.sqrt(float(value @ value) / points.weight) * self._focal
             inverse, sigma = line.inverse_distance()
             bad = off > _BAD_MISFIT or inverse < -2.0 * sigma - 0.01
             line.bad_knots = line.bad_knots + 1 if bad else 0
@@ -422,9 +447,7 @@ class Window:
                 line.track.give_up()
                 del self.lines[line.track.number]
             elif not bad:
-                index, sightings = interval.seen(line.track)
-                world_T_cam = poses[index[-1]].compose(self._body_T_cam)
-                line.extend(world_T_cam, sightings[-1].points)
+                line.extend(poses[place].compose(self._body_T_cam), last_points)
 
     def _rebuild(self) -> None:
         """A new smoother from the window's own states, marginals and data; failing that, without
@@ -455,15 +478,16 @@ class Window:
         for interval in self.intervals:
             for factor in interval.imu_factors:
                 factors.add(factor)
-            for line, line_factor in interval.line_factors:
+            for line, line_factor, _, _ in interval.observations:
                 # Factors on the key a line had before it was re-anchored stay out.
-                if id(line) in current and line.key == line_factor.keys()[-1]:
+                if id(line) in current and line.key == line_factor.spec.keys[-1]:
                     factors.add(line_factor)
                     used[line.key] = line
         for key, line in used.items():
             values.insert(key, line.delta)
             times[key] = line.last_time
-            factors.add(_line_prior(line))
+            for prior in _line_priors(line):
+                factors.add(prior)
         self.lines = {n: line for n, line in self.lines.items() if line.key in used}
         return factors, values, times
 
@@ -483,6 +507,10 @@ def _add_priors(factors: gtsam.NonlinearFactorGraph, knot: Knot, inflation: floa
     factors.addPriorConstantBias(B(knot.index), knot.bias, bias)
 
 
-def _line_prior(line: GraphLine) -> gtsam.NonlinearFactor:
-    noise = noiseModel.Diagonal.Sigmas(_NEW_LINE)
-    return gtsam.PriorFactorVector(line.key, np.zeros(4), noise)
+def _line_priors(line: GraphLine) -> tuple[gtsam.NonlinearFactor, ...]:
+    chart_noise = noiseModel.Diagonal.Sigmas(_NEW_LINE)
+    distance_noise = noiseModel.Isotropic.Sigma(1, math.log(_DISTANCE_FACTOR))
+    return (
+        gtsam.PriorFactorVector(line.key, np.zeros(4), chart_noise),
+        line_distance_prior(distance_noise, line.key, line.chart, _DISTANCE),
+    )

@@ -5,6 +5,7 @@
 Needs gtsam and numpy alone. `EMBEDDING.md` beside this package is the guide.
 """
 
+from ruledgraph_factors.distance_prior import line_distance_prior
 from ruledgraph_factors.errors import DegenerateWindowError, FactorError
 from ruledgraph_factors.factor import (
     RuledSurfaceFactor,
@@ -45,6 +46,7 @@ __all__ = [
     "WindowSolution",
     "active_kernel",
     "bin_points",
+    "line_distance_prior",
     "line_from_ruling",
     "preintegrate_frames",
     "ruled_surface_factor",

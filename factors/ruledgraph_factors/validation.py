@@ -28,14 +28,14 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise FactorError(f"{name} must be numbers: {error}") from None
-    wanted = str(tuple("N" if length is None else length for length in shape)).replace("'", "")
     if array.ndim != len(shape) or any(
         want is not None and have != want for have, want in zip(array.shape, shape, strict=True)
     ):
+        wanted = str(tuple("N" if length is None else length for length in shape)).replace("'", "")
         raise FactorError(f"{name} must have shape {wanted}, not {array.shape}")
-    bad = np.flatnonzero(~np.isfinite(array))
-    if bad.size:
-        where = ", ".join(str(int(i)) for i in np.unravel_index(bad[0], array.shape))
+    finite = np.isfinite(array)
+    if not finite.all():
+        where = ", ".join(str(int(i)) for i in np.argwhere(~finite)[0])
         raise FactorError(f"{name} has a NaN or infinite value at [{where}]")
     array.setflags(write=False)
     return array

@@ -9,7 +9,6 @@ and nothing is compared with another frame: stations and points pass through the
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -57,8 +56,7 @@ class Ruling(NamedTuple):
     slope: float
 
 
-@dataclass(frozen=True, eq=False)
-class EdgePoints:
+class EdgePoints(NamedTuple):
     """What was found along a ruling."""
 
     points: FloatArray
