@@ -62,9 +62,9 @@ class WindowConfig:
 
     def __post_init__(self) -> None:
         _require(0.01 <= self.knot_interval <= 1.0, "knot_interval: must lie in 0.01 to 1 s")
-        _require(4.0 * self.knot_interval <= self.lag <= 60.0, "lag: must lie in 4 knots to 60 s")
+        _require(0.04 <= self.lag <= 60.0, "lag: must lie in 0.04 to 60 s")
         _require(0.0 <= self.robust <= 100.0, "robust: must lie in 0 to 100 px")
-        _require(0.0 <= self.follow_first < self.lag, "follow_first: must be less than the lag")
+        _require(0.0 <= self.follow_first < 60.0, "follow_first: must lie in 0 to 60 s")
         _require(0 <= self.updates <= 20, "updates: must lie in 0 to 20")
 
 
@@ -97,6 +97,14 @@ class Config:
     start: StartConfig = field(default_factory=StartConfig)
 
     def __post_init__(self) -> None:
+        _require(
+            4.0 * self.window.knot_interval <= self.window.lag,
+            "window.lag must hold 4 times window.knot_interval: change both, or neither",
+        )
+        _require(
+            self.window.follow_first < self.window.lag,
+            "window.follow_first must be less than window.lag: change both, or neither",
+        )
         _require(
             self.start.window <= self.window.lag,
             "start.window must not exceed window.lag: change both, or neither",

@@ -42,7 +42,7 @@ _NEAREST_INVERSE = 20.0
 _JUMP, _VELOCITY_JUMP = 1.0, 3.0
 # The velocity (m/s) of a knot that lies so long (s) before the end of a rest. Later ones may have
 # begun to move.
-_STILL_VELOCITY, _MID_REST = 0.002, 0.2
+_STILL_VELOCITY, _MID_REST = 0.005, 0.2
 # Beyond these the estimate has run away: m/s, and biases in rad/s and m/s^2.
 _FASTEST, _WORST_GYROSCOPE, _WORST_ACCELEROMETER = 50.0, 0.5, 3.0
 # Prior deviations of a new line's chart. Its plane was seen, and the window is too short to drift

@@ -34,7 +34,8 @@ def test_what_is_written_reads_back(tmp_path):
         ("edges.max_lines=2.5", "'2.5' is not a whole number"),
         ("edges.bounded=maybe", "'maybe' is not true or false"),
         ("edges.detector=canny", "'canny' is none of lsd, hough"),
-        ("window.lag=0.1", "--set window.lag: must lie in 4 knots to 60 s"),
+        ("window.lag=0.01", "--set window.lag: must lie in 0.04 to 60 s"),
+        ("window.lag=0.7", "window.lag must hold 4 times window.knot_interval"),
         ("start.window=9", "start.window must not exceed window.lag"),
         ("window", "--set window: write section.key=value"),
     ],
@@ -64,5 +65,5 @@ def test_wrong_files_are_named(tmp_path, text, message):
 
 
 def test_settings_that_bound_each_other_come_in_any_order():
-    settings = ["window.lag=0.6", "start.window=0.5"]
+    settings = ["window.lag=0.6", "window.knot_interval=0.1", "start.window=0.5"]
     assert load_config(None, settings) == load_config(None, settings[::-1])
