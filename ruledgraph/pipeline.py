@@ -5,6 +5,7 @@
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import NamedTuple
 
 import gtsam
@@ -22,6 +23,7 @@ from ruledgraph.monitor import Trust
 from ruledgraph.prediction import by_estimate, by_rotation
 from ruledgraph.segments import Drift, Ended, Trial, continued
 from ruledgraph.sensors import Calibration, FloatArray
+from ruledgraph.time_offset import TimeOffset, concern, followed
 from ruledgraph.tracks import Tracker
 from ruledgraph.window import Interval, Window
 
@@ -80,6 +82,10 @@ class Odometry(Output):
         self._segment = -1
         self._last: Ended | None = None
         self._before: Ended | None = None
+        self.time_offset = TimeOffset(calibration.time_offset, 0.0)
+        """t_imu - t_cam, s, as last known; without deviation when it is not estimated."""
+        if self.config.time_offset.estimate:
+            self.time_offset = self.time_offset._replace(sigma=self.config.time_offset.sigma)
 
     # -- input -----------------------------------------------------------------------------------
 
@@ -260,6 +266,9 @@ class Odometry(Output):
         drift = Drift()
         if self._last is not None:
             result, drift = continued(result, self._last)
+        if self.config.time_offset.estimate and result.time_offset is None:
+            value = self.time_offset.value - self.calibration.time_offset
+            result = replace(result, time_offset=TimeOffset(value, self.time_offset.sigma))
         self.window = Window(self.calibration, self.config, result)
         self._trust = Trust(self.calibration.body_T_cam, drift, self.warnings)
         self._trial = Trial(result, seen.time) if result.lines else None
@@ -331,7 +340,8 @@ class Odometry(Output):
         still = self._is_still(frames[-1].time)
         self._status = "still" if still else "tracking"
         stamps, times = [f.stamp for f in frames], [f.time for f in frames]
-        self.window.extend(stamps, times, self._imu, self.tracker.tracks, still)
+        correction = self._intake.correction
+        self.window.extend(stamps, times, self._imu, self.tracker.tracks, still, correction)
 
     def _optimize(self, window: Window) -> None:
         for interval in window.optimize():
@@ -341,6 +351,18 @@ class Odometry(Output):
         self._trust.judge(window)
         self._ahead = None
         self._state = window.newest.state
+        if window.time_offset is not None:
+            self._follow_clock(window.time_offset)
+
+    def _follow_clock(self, offset: TimeOffset) -> None:
+        """Time the frames to come by what is known of the offset, once a start has held."""
+        calibrated = self.calibration.time_offset
+        self.time_offset = TimeOffset(calibrated + offset.value, offset.sigma)
+        if self._trial is not None:
+            return
+        if message := concern(self._intake.correction, offset, calibrated):
+            self.warnings.once("time offset", message)
+        self._intake.correction = followed(self._intake.correction, offset)
 
     def _report(self, window: Window, seen: _Seen, lines: int, at_knot: bool) -> None:
         if lines >= _FEWEST_LINES:
@@ -364,6 +386,7 @@ class Odometry(Output):
             status=status,
             at_knot=at_knot,
             segment=self._segment,
+            time_offset=self.time_offset,
         )
         self._last = Ended(seen.time, pose, velocity, covariances)
         (self._live if self._trial is None else self._held).append(estimate)
@@ -389,6 +412,7 @@ class Odometry(Output):
                     status=live.status if live else "tracking",
                     at_knot=stamp == interval.stamps[-1],
                     segment=self._segment,
+                    time_offset=live.time_offset if live else self.time_offset,
                 )
             )
 
