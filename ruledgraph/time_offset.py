@@ -87,6 +87,6 @@ def concern(correction: float, offset: TimeOffset, calibrated: float) -> str | N
         return None
     return (
         f"frames are taken {1e3 * (calibrated + offset.value):.1f} ms after their stamps on the "
-        f"IMU's clock, not {1e3 * calibrated:.1f} ms as the calibration says: correct "
-        "timeshift_cam_imu"
+        f"IMU's clock (deviation {1e3 * offset.sigma:.1f} ms), not {1e3 * calibrated:.1f} ms as "
+        "the calibration says: correct timeshift_cam_imu"
     )

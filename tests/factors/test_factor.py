@@ -28,6 +28,7 @@ from ruledgraph_factors import (
     ruled_surface_factor,
     ruled_surface_factor_with_gravity_direction,
     ruled_surface_factor_with_gravity_vector,
+    ruled_surface_factor_with_time_offset,
     ruled_surface_pose_factor,
 )
 
@@ -387,6 +388,16 @@ def test_bad_gravity_magnitude_names_the_argument() -> None:
             *(X(0), V(0), B(0), G(0), L(0)),
             *(GOOD.motion, GOOD.chart, GOOD_POINTS),
             gravity_magnitude=-9.81,
+        )
+
+
+def test_a_motion_without_time_is_named() -> None:
+    with pytest.raises(FactorError, match=r"motion has no time_jacobian: use .*with_time=True"):
+        ruled_surface_factor_with_time_offset(
+            noiseModel.Isotropic.Sigma(6, 1.0),
+            *(X(0), V(0), B(0), T(0), L(0)),
+            *(GOOD.motion.at_rest().select([0]), GOOD.chart),
+            CompressedPoints.from_frames(GOOD.frames[:1]),
         )
 
 
