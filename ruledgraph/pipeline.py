@@ -5,7 +5,6 @@
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from typing import NamedTuple
 
 import gtsam
@@ -23,7 +22,7 @@ from ruledgraph.monitor import Trust
 from ruledgraph.prediction import by_estimate, by_rotation
 from ruledgraph.segments import Drift, Ended, Trial, continued
 from ruledgraph.sensors import Calibration, FloatArray
-from ruledgraph.time_offset import TimeOffset, concern, followed
+from ruledgraph.time_offset import RETRY, TimeOffset, concern, followed
 from ruledgraph.tracks import Tracker
 from ruledgraph.window import Interval, Window
 
@@ -263,13 +262,13 @@ class Odometry(Output):
         if isinstance(result, Refusal):
             self.warnings.append(f"no start at {seen.time:.2f} s: {result.reason}")
             return False
+        if result.time_offset is not None and abs(result.time_offset.value) > RETRY:
+            self._retime(result.time_offset.value)
+            return False
         drift = Drift()
         if self._last is not None:
             result, drift = continued(result, self._last)
-        if self.config.time_offset.estimate and result.time_offset is None:
-            value = self.time_offset.value - self.calibration.time_offset
-            result = replace(result, time_offset=TimeOffset(value, self.time_offset.sigma))
-        self.window = Window(self.calibration, self.config, result)
+        self.window = Window(self.calibration, self.config, result, self._intake.correction)
         self._trust = Trust(self.calibration.body_T_cam, drift, self.warnings)
         self._trial = Trial(result, seen.time) if result.lines else None
         self._before = self._last
@@ -286,6 +285,15 @@ class Odometry(Output):
         if len(used) > 1:
             self._optimize(self.window)
         return True
+
+    def _retime(self, change: float) -> None:
+        """Move all frames in time before a start that is tried again."""
+        self._intake.correction += change
+        latest = self._imu.latest
+        moved = (frame._replace(time=frame.time + change) for frame in self._frames)
+        self._frames = deque(f for f in moved if self._imu.covers(f.time, latest))
+        for track in self.tracker.tracks:
+            track.born, track.last_seen = track.born + change, track.last_seen + change
 
     def _passes(self, trial: Trial, window: Window, time: float) -> bool:
         """Go on with a start in motion, or take it back."""
@@ -357,7 +365,7 @@ class Odometry(Output):
     def _follow_clock(self, offset: TimeOffset) -> None:
         """Time the frames to come by what is known of the offset, once a start has held."""
         calibrated = self.calibration.time_offset
-        self.time_offset = TimeOffset(calibrated + offset.value, offset.sigma)
+        self.time_offset = offset.moved(calibrated)
         if self._trial is not None:
             return
         if message := concern(self._intake.correction, offset, calibrated):

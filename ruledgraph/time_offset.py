@@ -24,6 +24,8 @@ _MOST_STEP = 2e-3
 # An offset known this well, and followed this closely, is worth a warning when it is so far from
 # the calibration, s.
 _KNOWN, _FOLLOWED, _FAR = 1e-3, 5e-4, 3e-3
+# A start whose offset comes out further from what its frames were timed with is tried again, s.
+RETRY = 2e-3
 
 
 class TimeOffset(NamedTuple):
@@ -33,6 +35,10 @@ class TimeOffset(NamedTuple):
 
     value: float
     sigma: float
+
+    def moved(self, by: float) -> "TimeOffset":
+        """The same counted from elsewhere."""
+        return TimeOffset(self.value + by, self.sigma)
 
 
 NO_OFFSET = TimeOffset(0.0, 0.0)
@@ -61,7 +67,7 @@ class OffsetLink:
     @property
     def offset(self) -> TimeOffset:
         """Beyond the calibration's."""
-        return TimeOffset(self.correction + self.shift, self.sigma)
+        return TimeOffset(self.shift, self.sigma).moved(self.correction)
 
     def prior(self, inflation: float = 1.0) -> gtsam.NonlinearFactor:
         """What is known of the first of a window."""

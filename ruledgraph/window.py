@@ -117,7 +117,7 @@ class Start:
     lines: dict[int, tuple[LineChart, FloatArray]]
     """Of tracks by number: what is known of them already."""
     time_offset: TimeOffset | None = None
-    """Beyond the calibration's; None: not to be estimated."""
+    """Beyond the frames' times; None: not to be estimated."""
 
     def moved(self, by: gtsam.Pose3) -> "Start":
         """The same start in another world: turned about the vertical and shifted, `by` a pose."""
@@ -133,10 +133,13 @@ class Start:
 class Window:
     """Fixed-lag smoothing over knots and lines.
 
-    Use `extend` for each new knot, then `optimize`.
+    Use `extend` for each new knot, then `optimize`. `correction` is what the start's frames were
+    timed with beyond the calibration's time offset, s.
     """
 
-    def __init__(self, calibration: Calibration, config: Config, start: Start) -> None:
+    def __init__(
+        self, calibration: Calibration, config: Config, start: Start, correction: float = 0.0
+    ) -> None:
         self._body_T_cam = calibration.body_T_cam
         self._config = config
         self._imu_noise = calibration.imu_noise
@@ -151,7 +154,9 @@ class Window:
         )
         first = Knot(0, start.time, start.state, start.bias, covariances)
         self.time_offset = start.time_offset
-        """As of the newest interval, when it is estimated."""
+        """Beyond the calibration's, as of the newest interval, when it is estimated."""
+        if start.time_offset is not None:
+            self.time_offset = start.time_offset.moved(correction)
         self.first_stamp = start.stamp
         self.knots = deque([first])
         self.intervals: deque[Interval] = deque()
@@ -238,7 +243,8 @@ class Window:
         for factor in imu_factors:
             self._new_factors.add(factor)
         link = self._new_link(knot, correction)
-        timed = link is not None
+        # At rest the noise of the gyroscope would feign knowledge of the offset.
+        timed = link is not None and not still
         motion = preintegrate_frames(samples, knot.time, times, knot.bias, with_time=timed)
         interval = Interval(knot, list(stamps), motion, imu_factors, known, link)
         self.intervals.append(interval)
@@ -281,8 +287,9 @@ class Window:
             size *= np.sqrt(compressed.weight)
             noise = noiseModel.Robust.Create(noiseModel.mEstimator.Cauchy.Create(size), noise)
         k = interval.knot.index
-        rest = interval.motion.select(index), line.chart, compressed, self._body_T_cam
-        if interval.link is None:
+        motion = interval.motion.select(index)
+        rest = motion, line.chart, compressed, self._body_T_cam
+        if interval.link is None or motion.time_jacobian is None:
             factor = ruled_surface_factor(noise, X(k), V(k), B(k), line.key, *rest)
         else:
             keys = X(k), V(k), B(k), interval.link.key, line.key
