@@ -241,6 +241,14 @@ class _Batch:
                 self._line_factors.append((i, factor, weight))
         return graph
 
+    def _velocity_covariance(self) -> FloatArray:
+        """Given the time offset: what that leaves open is for the window to find."""
+        marginals = gtsam.Marginals(self.graph, self.values)
+        if self._shift is None:
+            return np.asarray(marginals.marginalCovariance(1))
+        information = marginals.jointMarginalInformation([1, self._shift_key]).fullMatrix()
+        return np.asarray(np.linalg.inv(information[:3, :3]))
+
     def start(self, stamp: int, time: float) -> Start | Refusal:
         """Check the solution, and hand it over."""
         fits = np.array(
@@ -253,8 +261,7 @@ class _Batch:
         if share < _LEAST_FIT:
             return Refusal(f"only {100 * share:.0f} % of the lines fit a common motion")
         try:
-            marginals = gtsam.Marginals(self.graph, self.values)
-            covariance = marginals.marginalCovariance(1)
+            covariance = self._velocity_covariance()
             velocity_sigma = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
         except RuntimeError:
             velocity_sigma = np.inf

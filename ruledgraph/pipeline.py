@@ -81,6 +81,7 @@ class Odometry(Output):
         self._segment = -1
         self._last: Ended | None = None
         self._before: Ended | None = None
+        self._retimed = False
         self.time_offset = TimeOffset(calibration.time_offset, 0.0)
         """t_imu - t_cam, s, as last known; without deviation when it is not estimated."""
         if self.config.time_offset.estimate:
@@ -260,9 +261,11 @@ class Odometry(Output):
             return False
         self._last_attempt = seen.time
         if isinstance(result, Refusal):
+            self._retimed = False
             self.warnings.append(f"no start at {seen.time:.2f} s: {result.reason}")
             return False
-        if result.time_offset is not None and abs(result.time_offset.value) > RETRY:
+        again, self._retimed = self._retimed, False
+        if result.time_offset is not None and abs(result.time_offset.value) > RETRY and not again:
             self._retime(result.time_offset.value)
             return False
         drift = Drift()
@@ -287,7 +290,8 @@ class Odometry(Output):
         return True
 
     def _retime(self, change: float) -> None:
-        """Move all frames in time before a start that is tried again."""
+        """Move all frames in time before a start that is tried again with the next one."""
+        self._retimed, self._last_attempt = True, -np.inf
         self._intake.correction += change
         latest = self._imu.latest
         moved = (frame._replace(time=frame.time + change) for frame in self._frames)
