@@ -139,8 +139,10 @@ class Odometry(Output):
         seen = _Seen(frame.stamp, self._intake.frame_time(frame))
         if not self._imu.covers(seen.time, seen.time):
             return  # before the first IMU sample
-        if self._frames and seen.time <= self._frames[-1].time:
-            if seen.time < self._frames[-1].time:
+        last = self._frames[-1] if self._frames else None
+        # By stamps, too: the time of one and the same changes with the correction.
+        if last is not None and (seen.stamp <= last.stamp or seen.time <= last.time):
+            if seen.stamp < last.stamp:
                 self.warnings.once(
                     "late",
                     f"a frame at {seen.time:.2f} s came after a later one: such are not used",
