@@ -63,4 +63,4 @@ def compress(points: FloatArray, sqrt_weights: FloatArray, counts: IntArray) -> 
 def integrate(
     force: FloatArray, rate: FloatArray, dt: FloatArray, delta: FloatArray, d_bias: FloatArray
 ) -> int:
-    """As `motion.integrate_in_numpy`."""
+    """As `integration.integrate_in_numpy`."""
