@@ -89,12 +89,29 @@ class StartConfig:
 
 
 @dataclass(frozen=True)
+class TimeOffsetConfig:
+    """The time offset between camera and IMU."""
+
+    estimate: bool = True
+    """Whether it is estimated while running; otherwise the calibration's stands."""
+    sigma: float = 0.01
+    """Standard deviation of the calibration's, s."""
+    walk: float = 1e-4
+    """How fast it changes: standard deviation after one second, s."""
+
+    def __post_init__(self) -> None:
+        _require(1e-5 <= self.sigma <= 0.1, "sigma: must lie in 1e-5 to 0.1 s")
+        _require(1e-6 <= self.walk <= 0.01, "walk: must lie in 1e-6 to 0.01 s")
+
+
+@dataclass(frozen=True)
 class Config:
     """Everything."""
 
     edges: EdgesConfig = field(default_factory=EdgesConfig)
     window: WindowConfig = field(default_factory=WindowConfig)
     start: StartConfig = field(default_factory=StartConfig)
+    time_offset: TimeOffsetConfig = field(default_factory=TimeOffsetConfig)
 
     def __post_init__(self) -> None:
         _require(

@@ -14,6 +14,7 @@ import gtsam
 from ruledgraph.lines import LineEstimate
 from ruledgraph.segments import Covariances
 from ruledgraph.sensors import FloatArray
+from ruledgraph.time_offset import NO_OFFSET, TimeOffset
 from ruledgraph.timing import Messages, Timing
 
 Status = Literal["tracking", "still", "dead reckoning", "doubtful"]
@@ -38,6 +39,8 @@ class Estimate:
     """Whether the frame is a knot's, optimised with all before it, or predicted from one."""
     segment: int = 0
     """Counts from 0; between two of them there is a gap or a failure."""
+    time_offset: TimeOffset = NO_OFFSET
+    """t_imu - t_cam, s, as of the last knot; without deviation where it is not estimated."""
 
 
 class Output:

@@ -12,6 +12,7 @@ from gtsam import noiseModel
 from ruledgraph.config import Config
 from ruledgraph.inertial import ImuBuffer
 from ruledgraph.sensors import Calibration, FloatArray
+from ruledgraph.time_offset import TimeOffset
 from ruledgraph.tracks import Sighting, Track, compressed_points
 from ruledgraph.window import Start
 from ruledgraph_factors import (
@@ -22,6 +23,7 @@ from ruledgraph_factors import (
     line_from_ruling,
     preintegrate_frames,
     ruled_surface_factor,
+    ruled_surface_factor_with_time_offset,
 )
 
 _G = -STANDARD_GRAVITY[2]
@@ -101,6 +103,7 @@ def start_at_rest(
         velocity_sigma=0.01,
         bias_sigmas=np.array([a, a, a, 2e-3, 2e-3, 2e-3]),
         lines={},
+        time_offset=_open_offset(config),
     )
 
 
@@ -161,6 +164,7 @@ class _Batch:
         self._config = config
         self._focal = calibration.camera.focal_length
         self._deviation = _DEVIATION / self._focal
+        self._shift, self._shift_key = _open_offset(config), 3 + len(seen)
         bias = gtsam.imuBias.ConstantBias()
         motion = preintegrate_frames(self._samples, times[0], times, bias)
         self._attitude = _level(motion.preintegrated[-1, 6:9])
@@ -176,6 +180,8 @@ class _Batch:
             chart = line_from_ruling(world_T_cam, sightings[0].points, 1.0 / distance)
             self._charts.append(chart)
             self.values.insert(3 + i, np.zeros(4))
+        if self._shift is not None:
+            self.values.insert(self._shift_key, 0.0)
         self.error = np.inf
         self.graph = gtsam.NonlinearFactorGraph()
 
@@ -193,8 +199,10 @@ class _Batch:
         self.error = self.graph.error(self.values)
 
     def _build(self, robust: float) -> gtsam.NonlinearFactorGraph:
-        bias = self.values.atConstantBias(2)
-        motion = preintegrate_frames(self._samples, self._times[0], self._times, bias)
+        bias, timed = self.values.atConstantBias(2), self._shift is not None
+        motion = preintegrate_frames(
+            self._samples, self._times[0], self._times, bias, with_time=timed
+        )
         graph = gtsam.NonlinearFactorGraph()
         covariance = _pose_covariance(self._attitude, _TILT_SIGMA)
         graph.addPriorPose3(
@@ -206,6 +214,9 @@ class _Batch:
         graph.addPriorConstantBias(
             2, gtsam.imuBias.ConstantBias(), noiseModel.Diagonal.Sigmas(sigmas)
         )
+        if self._shift is not None:
+            known = noiseModel.Isotropic.Sigma(1, self._shift.sigma)
+            graph.addPriorDouble(self._shift_key, 0.0, known)
         self._line_factors: list[tuple[int, gtsam.NoiseModelFactor, float]] = []
         wide = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
         for i, (_, index, sightings) in enumerate(self._seen):
@@ -219,20 +230,24 @@ class _Batch:
                     noiseModel.mEstimator.Cauchy.Create(size * np.sqrt(weight)),
                     noiseModel.Isotropic.Sigma(compressed.rows, self._deviation),
                 )
-                factor = ruled_surface_factor(
-                    noise,
-                    0,
-                    1,
-                    2,
-                    3 + i,
-                    motion.select(index[part]),
-                    self._charts[i],
-                    compressed,
-                    self._calibration.body_T_cam,
+                chart, body_T_cam = self._charts[i], self._calibration.body_T_cam
+                rest = 3 + i, motion.select(index[part]), chart, compressed, body_T_cam
+                factor = (
+                    ruled_surface_factor_with_time_offset(noise, 0, 1, 2, self._shift_key, *rest)
+                    if timed
+                    else ruled_surface_factor(noise, 0, 1, 2, *rest)
                 )
                 graph.add(factor)
                 self._line_factors.append((i, factor, weight))
         return graph
+
+    def _velocity_covariance(self) -> FloatArray:
+        """Given the time offset: what that leaves open is for the window to find."""
+        marginals = gtsam.Marginals(self.graph, self.values)
+        if self._shift is None:
+            return np.asarray(marginals.marginalCovariance(1))
+        information = marginals.jointMarginalInformation([1, self._shift_key]).fullMatrix()
+        return np.asarray(np.linalg.inv(information[:3, :3]))
 
     def start(self, stamp: int, time: float) -> Start | Refusal:
         """Check the solution, and hand it over."""
@@ -246,8 +261,7 @@ class _Batch:
         if share < _LEAST_FIT:
             return Refusal(f"only {100 * share:.0f} % of the lines fit a common motion")
         try:
-            marginals = gtsam.Marginals(self.graph, self.values)
-            covariance = marginals.marginalCovariance(1)
+            covariance = self._velocity_covariance()
             velocity_sigma = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
         except RuntimeError:
             velocity_sigma = np.inf
@@ -265,7 +279,10 @@ class _Batch:
         if len(lines) < _FEWEST_LINES // 2:
             return Refusal(f"{len(lines)} lines come out in front of the camera")
         a, g = self._config.start.accelerometer_bias, self._config.start.gyroscope_bias
-        pose = self.values.atPose3(0)
+        pose, shift = self.values.atPose3(0), self._shift
+        if shift is not None:
+            # As wide as before: the window sees the same points again.
+            shift = TimeOffset(self.values.atDouble(self._shift_key), shift.sigma)
         return Start(
             stamp=stamp,
             time=time,
@@ -275,7 +292,13 @@ class _Batch:
             velocity_sigma=_VELOCITY_SIGMA,
             bias_sigmas=np.array([a, a, a, g, g, g]),
             lines=lines,
+            time_offset=shift,
         )
+
+
+def _open_offset(config: Config) -> TimeOffset | None:
+    """What is known of how much later than their times the frames were taken."""
+    return TimeOffset(0.0, config.time_offset.sigma) if config.time_offset.estimate else None
 
 
 def _pose_covariance(attitude: gtsam.Rot3, tilt: float) -> FloatArray:

@@ -25,6 +25,8 @@ class Intake:
 
     def __init__(self, calibration: Calibration, warnings: Messages) -> None:
         self.imu = ImuBuffer()
+        self.correction = 0.0
+        """Of the calibration's time offset, for the frames to come, s."""
         self._calibration = calibration
         self._warnings = warnings
         self._origin: int | None = None
@@ -39,7 +41,7 @@ class Intake:
 
     def frame_time(self, frame: Frame) -> float:
         """Of the IMU's clock, s."""
-        return self.seconds(frame.stamp) + self._calibration.time_offset
+        return self.seconds(frame.stamp) + self._calibration.time_offset + self.correction
 
     def add_imu(self, sample: ImuSample) -> Gap | None:
         """Take in a sample.

@@ -22,6 +22,7 @@ from ruledgraph.monitor import Trust
 from ruledgraph.prediction import by_estimate, by_rotation
 from ruledgraph.segments import Drift, Ended, Trial, continued
 from ruledgraph.sensors import Calibration, FloatArray
+from ruledgraph.time_offset import RETRY, TimeOffset, concern, followed
 from ruledgraph.tracks import Tracker
 from ruledgraph.window import Interval, Window
 
@@ -81,6 +82,11 @@ class Odometry(Output):
         self._segment = -1
         self._last: Ended | None = None
         self._before: Ended | None = None
+        self._retimed = False
+        self.time_offset = TimeOffset(calibration.time_offset, 0.0)
+        """t_imu - t_cam, s, as last known; without deviation when it is not estimated."""
+        if self.config.time_offset.estimate:
+            self.time_offset = self.time_offset._replace(sigma=self.config.time_offset.sigma)
 
     # -- input -----------------------------------------------------------------------------------
 
@@ -134,8 +140,10 @@ class Odometry(Output):
         seen = _Seen(frame.stamp, self._intake.frame_time(frame))
         if not self._imu.covers(seen.time, seen.time):
             return  # before the first IMU sample
-        if self._frames and seen.time <= self._frames[-1].time:
-            if seen.time < self._frames[-1].time:
+        last = self._frames[-1] if self._frames else None
+        # By stamps, too: the time of one and the same changes with the correction.
+        if last is not None and (seen.stamp <= last.stamp or seen.time <= last.time):
+            if seen.stamp < last.stamp:
                 self.warnings.once(
                     "late",
                     f"a frame at {seen.time:.2f} s came after a later one: such are not used",
@@ -266,12 +274,17 @@ class Odometry(Output):
             return False
         self._last_attempt = seen.time
         if isinstance(result, Refusal):
+            self._retimed = False
             self.warnings.append(f"no start at {seen.time:.2f} s: {result.reason}")
+            return False
+        again, self._retimed = self._retimed, False
+        if result.time_offset is not None and abs(result.time_offset.value) > RETRY and not again:
+            self._retime(result.time_offset.value)
             return False
         drift = Drift()
         if self._last is not None:
             result, drift = continued(result, self._last)
-        self.window = Window(self.calibration, self.config, result)
+        self.window = Window(self.calibration, self.config, result, self._intake.correction)
         self._trust = Trust(self.calibration.body_T_cam, drift, self.warnings)
         self._trial = Trial(result, seen.time) if result.lines else None
         self._before = self._last
@@ -288,6 +301,16 @@ class Odometry(Output):
         if len(used) > 1:
             self._optimize(self.window)
         return True
+
+    def _retime(self, change: float) -> None:
+        """Move all frames in time before a start that is tried again with the next one."""
+        self._retimed, self._last_attempt = True, -np.inf
+        self._intake.correction += change
+        latest = self._imu.latest
+        moved = (frame._replace(time=frame.time + change) for frame in self._frames)
+        self._frames = deque(f for f in moved if self._imu.covers(f.time, latest))
+        for track in self.tracker.tracks:
+            track.born, track.last_seen = track.born + change, track.last_seen + change
 
     def _passes(self, trial: Trial, window: Window, time: float) -> bool:
         """Go on with a start in motion, or take it back."""
@@ -342,7 +365,8 @@ class Odometry(Output):
         still = self._is_still(frames[-1].time)
         self._status = "still" if still else "tracking"
         stamps, times = [f.stamp for f in frames], [f.time for f in frames]
-        self.window.extend(stamps, times, self._imu, self.tracker.tracks, still)
+        correction = self._intake.correction
+        self.window.extend(stamps, times, self._imu, self.tracker.tracks, still, correction)
 
     def _optimize(self, window: Window) -> None:
         for interval in window.optimize():
@@ -352,6 +376,18 @@ class Odometry(Output):
         self._trust.judge(window)
         self._ahead = None
         self._state = window.newest.state
+        if window.time_offset is not None:
+            self._follow_clock(window.time_offset)
+
+    def _follow_clock(self, offset: TimeOffset) -> None:
+        """Time the frames to come by what is known of the offset, once a start has held."""
+        calibrated = self.calibration.time_offset
+        self.time_offset = offset.moved(calibrated)
+        if self._trial is not None:
+            return
+        if message := concern(self._intake.correction, offset, calibrated):
+            self.warnings.once("time offset", message)
+        self._intake.correction = followed(self._intake.correction, offset)
 
     def _report(self, window: Window, seen: _Seen, lines: int, at_knot: bool) -> None:
         if lines >= _FEWEST_LINES:
@@ -375,6 +411,7 @@ class Odometry(Output):
             status=status,
             at_knot=at_knot,
             segment=self._segment,
+            time_offset=self.time_offset,
         )
         self._last = Ended(seen.time, pose, velocity, covariances)
         (self._live if self._trial is None else self._held).append(estimate)
@@ -400,6 +437,7 @@ class Odometry(Output):
                     status=live.status if live else "tracking",
                     at_knot=stamp == interval.stamps[-1],
                     segment=self._segment,
+                    time_offset=live.time_offset if live else self.time_offset,
                 )
             )
 

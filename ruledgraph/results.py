@@ -30,6 +30,8 @@ _STATE_COLUMNS = [
     *(f"sigma_velocity_{a}" for a in _AXES),
     *(f"sigma_gyroscope_bias_{a}" for a in _AXES),
     *(f"sigma_accelerometer_bias_{a}" for a in _AXES),
+    "time_offset",
+    "sigma_time_offset",
     "lines",
     "status",
     "segment",
@@ -55,7 +57,7 @@ class Results:
     - `trajectory_live.tum`: world_T_body at each frame as known at its time;
     - `trajectory.tum`: the same as each frame left the window;
     - `states.csv`: at each knot when it was new: velocity, biases, gravity, standard deviations
-      (rotation and position in the body frame), lines in view, status, segment;
+      (rotation and position in the body frame), time offset, lines in view, status, segment;
     - `lines.csv`: end points in the world, their covariance, first and last stamp, edge points;
     - `config.yaml`: the settings in effect; `summary.json`: see `summarize`.
 
@@ -131,6 +133,7 @@ def _state_row(estimate: Estimate) -> list[Any]:
             velocity,
             bias[3:],
             bias[:3],
+            estimate.time_offset,
         ]
     )
     shown = [f"{number:.9g}" for number in numbers]

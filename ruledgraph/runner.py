@@ -187,7 +187,12 @@ def _summary(
         }
         for stage, timing in odometry.timings.items()
     }
-    return {
+    clock_offset = {}
+    if isinstance(odometry, Odometry):
+        value, sigma = odometry.time_offset
+        estimated = odometry.config.time_offset.estimate
+        clock_offset = {"time_offset": {"s": value, "sigma_s": sigma, "estimated": estimated}}
+    return clock_offset | {
         "ended": ended,
         "recording_s": tally.seconds,
         "wall_s": elapsed,

@@ -35,10 +35,14 @@ _PRIOR = np.array([1.0, 1.0, 1e2, 1e2])
 
 
 def factor_state(
-    state: gtsam.NavState, bias: gtsam.imuBias.ConstantBias, delta: FloatArray
+    state: gtsam.NavState,
+    bias: gtsam.imuBias.ConstantBias,
+    delta: FloatArray,
+    time_shift: float = 0.0,
 ) -> State:
-    """A knot's state and a line, for a factor's `evaluate`."""
-    return State(state.pose().matrix(), state.velocity(), bias.vector(), _GRAVITY, delta)
+    """A knot's state, a line and the frames' shift in time, for a factor's `evaluate`."""
+    pose = state.pose().matrix()
+    return State(pose, state.velocity(), bias.vector(), _GRAVITY, delta, time_shift)
 
 
 # delta, whether a Jacobian is wanted -> whitened residual, Jacobian by delta
@@ -55,6 +59,8 @@ class View:
     state: gtsam.NavState
     """Of the knot."""
     bias: gtsam.imuBias.ConstantBias
+    time_shift: float = 0.0
+    """How much later than `motion` says its frames were taken, s."""
 
     def residual(
         self, chart: LineChart, body_T_cam: gtsam.Pose3
@@ -71,7 +77,7 @@ class View:
             gravity=_GRAVITY,
         )
         compute = evaluation(spec)
-        here = factor_state(self.state, self.bias, np.zeros(4))
+        here = factor_state(self.state, self.bias, np.zeros(4), self.time_shift)
         return lambda delta, want_jacobian: compute(here._replace(line=delta), want_jacobian)
 
 
@@ -118,7 +124,7 @@ def triangulate(
             residual = compute(delta, want_jacobian)
             values.append(residual.value / deviation)
             if residual.jacobian is not None:
-                jacobians.append(residual.jacobian[:, 18:] / deviation)
+                jacobians.append(residual.jacobian[:, 18:22] / deviation)
         return np.concatenate(values), np.vstack(jacobians)
 
     def cost(delta: FloatArray) -> float:

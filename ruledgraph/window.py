@@ -18,6 +18,7 @@ from ruledgraph.inertial import ImuBuffer, noise_across
 from ruledgraph.lines import GraphLine
 from ruledgraph.sensors import Calibration, FloatArray
 from ruledgraph.smoother import FixedLagSmoother, SmootherError
+from ruledgraph.time_offset import OffsetLink, TimeOffset
 from ruledgraph.tracks import Sighting, Track, compressed_points
 from ruledgraph.triangulate import View, factor_state, triangulate
 from ruledgraph_factors import (
@@ -29,6 +30,7 @@ from ruledgraph_factors import (
     line_distance_prior,
     preintegrate_frames,
     ruled_surface_factor,
+    ruled_surface_factor_with_time_offset,
     same_line_factor,
 )
 
@@ -82,6 +84,8 @@ class Interval:
     imu_factors: list[gtsam.NonlinearFactor]
     known: int
     """How many of its frames come before a hole of the IMU: the others' poses are guesses."""
+    link: OffsetLink | None = None
+    """The time offset of its frames, when that is estimated."""
     observations: list["Observation"] = field(default_factory=list)
 
     @property
@@ -89,9 +93,14 @@ class Interval:
         """Whether there is no hole in it."""
         return self.known == len(self.stamps)
 
+    @property
+    def time_shift(self) -> float:
+        """How much later than `motion` says its frames were taken, s."""
+        return 0.0 if self.link is None else self.link.shift
+
     def poses(self) -> list[gtsam.Pose3]:
         """world_T_body of its frames."""
-        return self.motion.poses(self.knot.state, self.knot.bias)
+        return self.motion.poses(self.knot.state, self.knot.bias, time_shift=self.time_shift)
 
     def seen(self, track: Track) -> tuple[list[int], list[Sighting]]:
         """In which of its known frames a track was seen, and what there."""
@@ -129,6 +138,8 @@ class Start:
     bias_sigmas: FloatArray
     lines: dict[int, tuple[LineChart, FloatArray]]
     """Of tracks by number: what is known of them already."""
+    time_offset: TimeOffset | None = None
+    """Beyond the frames' times; None: not to be estimated."""
 
     def moved(self, by: gtsam.Pose3) -> "Start":
         """The same start in another world: turned about the vertical and shifted, `by` a pose."""
@@ -144,10 +155,13 @@ class Start:
 class Window:
     """Fixed-lag smoothing over knots and lines.
 
-    Use `extend` for each new knot, then `optimize`.
+    Use `extend` for each new knot, then `optimize`. `correction` is what the start's frames were
+    timed with beyond the calibration's time offset, s.
     """
 
-    def __init__(self, calibration: Calibration, config: Config, start: Start) -> None:
+    def __init__(
+        self, calibration: Calibration, config: Config, start: Start, correction: float = 0.0
+    ) -> None:
         self._body_T_cam = calibration.body_T_cam
         self._config = config
         self._imu_noise = calibration.imu_noise
@@ -161,6 +175,10 @@ class Window:
             np.diag(np.square(start.bias_sigmas)),
         )
         first = Knot(0, start.time, start.state, start.bias, covariances)
+        self.time_offset = start.time_offset
+        """Beyond the calibration's, as of the newest interval, when it is estimated."""
+        if start.time_offset is not None:
+            self.time_offset = start.time_offset.moved(correction)
         self.first_stamp = start.stamp
         self.knots = deque([first])
         self.intervals: deque[Interval] = deque()
@@ -212,6 +230,7 @@ class Window:
         imu: ImuBuffer,
         tracks: Iterable[Track],
         still: bool,
+        correction: float = 0.0,
     ) -> None:
         """Add a knot at the last of the frames that follow the newest knot, with its factors.
 
@@ -221,6 +240,7 @@ class Window:
             imu: samples that cover them.
             tracks: all there are.
             still: whether the body has been at rest for some time up to the new knot.
+            correction: of the calibration's time offset, that `times` were computed with, s.
         """
         knot = self.newest
         k = knot.index
@@ -245,8 +265,11 @@ class Window:
             imu_factors.append(gtsam.PriorFactorVector(V(rested[-1]), np.zeros(3), no_motion))
         for factor in imu_factors:
             self._new_factors.add(factor)
-        motion = preintegrate_frames(samples, knot.time, times, knot.bias)
-        interval = Interval(knot, list(stamps), motion, imu_factors, known)
+        link = self._new_link(knot, correction)
+        # At rest the noise of the gyroscope would feign knowledge of the offset.
+        timed = link is not None and not still
+        motion = preintegrate_frames(samples, knot.time, times, knot.bias, with_time=timed)
+        interval = Interval(knot, list(stamps), motion, imu_factors, known, link)
         self.intervals.append(interval)
         self.knots.append(new)
         self._insert(new)
@@ -256,6 +279,19 @@ class Window:
                 self._observe(interval, line)
             elif self._is_ripe(track, new.time):
                 self._enter(track)
+
+    def _new_link(self, knot: Knot, correction: float) -> OffsetLink | None:
+        """The time offset of the frames after a knot, tied to that of the interval before."""
+        if self.time_offset is None:
+            return None
+        value, sigma = self.time_offset
+        link = OffsetLink(knot.index, knot.time, correction, value - correction, sigma)
+        before = self.intervals[-1].link if self.intervals else None
+        walk = self._config.time_offset.walk
+        self._new_factors.add(link.tie(before, walk) if before else link.prior())
+        self._new_values.insert(link.key, link.shift)
+        self._new_times[link.key] = link.time
+        return link
 
     def _is_ripe(self, track: Track, time: float) -> bool:
         followed = time - track.born >= self._config.window.follow_first
@@ -275,9 +311,12 @@ class Window:
             noise = noiseModel.Robust.Create(noiseModel.mEstimator.Cauchy.Create(size), noise)
         k = interval.knot.index
         motion = interval.motion.select(index)
-        factor = ruled_surface_factor(
-            noise, X(k), V(k), B(k), line.key, motion, line.chart, compressed, self._body_T_cam
-        )
+        rest = motion, line.chart, compressed, self._body_T_cam
+        if interval.link is None or motion.time_jacobian is None:
+            factor = ruled_surface_factor(noise, X(k), V(k), B(k), line.key, *rest)
+        else:
+            keys = X(k), V(k), B(k), interval.link.key, line.key
+            factor = ruled_surface_factor_with_time_offset(noise, *keys, *rest)
         last = index[-1], sightings[-1].points
         interval.observations.append(Observation(line, factor, compressed, last))
         self._new_factors.add(factor)
@@ -354,7 +393,8 @@ class Window:
 
     def _view(self, interval: Interval, index: list[int], sightings: list[Sighting]) -> View:
         motion, compressed = interval.motion.select(index), compressed_points(sightings)
-        return View(motion, compressed, interval.knot.state, interval.knot.bias)
+        state, bias = interval.knot.state, interval.knot.bias
+        return View(motion, compressed, state, bias, interval.time_shift)
 
     # -- solving ---------------------------------------------------------------------------------
 
@@ -402,6 +442,8 @@ class Window:
             pose, velocity = estimate.atPose3(X(knot.index)), estimate.atVector(V(knot.index))
             knot.state = gtsam.NavState(pose, velocity)
             knot.bias = estimate.atConstantBias(B(knot.index))
+        for link in filter(None, (interval.link for interval in self.intervals)):
+            link.shift = estimate.atDouble(link.key)
         linearized = self._smoother.linearization_point()
         for line in self.lines.values():
             if estimate.exists(line.key):
@@ -422,6 +464,12 @@ class Window:
         pose, velocity, bias = (self._smoother.covariance(key(k)) for key in (X, V, B))
         if pose is not None and velocity is not None and bias is not None:
             self.newest.covariances = pose, velocity, bias
+        link = self.intervals[-1].link
+        if link is not None:
+            variance = self._smoother.covariance(link.key)
+            if variance is not None:
+                link.sigma = float(np.sqrt(variance[0, 0]))
+            self.time_offset = link.offset
         # A line's covariance shrinks as it is seen: an old one errs on the safe side.
         stalest = sorted(self.lines.values(), key=lambda line: line.covariance_time)
         for line in stalest[:_COVARIANCES]:
@@ -434,7 +482,8 @@ class Window:
         """Retire lines that do not fit their points or lie behind the camera."""
         interval = self.intervals[-1]
         poses = interval.poses()
-        at_knot = factor_state(interval.knot.state, interval.knot.bias, np.zeros(4))
+        knot, shift = interval.knot, interval.time_shift
+        at_knot = factor_state(knot.state, knot.bias, np.zeros(4), shift)
         for line, factor, points, (place, last_points) in interval.observations:
             if factor.spec.keys[-1] != line.key or self.lines.get(line.track.number) is not line:
                 continue  # it was just re-anchored, or dropped
@@ -473,6 +522,12 @@ class Window:
         for knot in self.knots:
             _insert_state(values, knot)
             times |= {key(knot.index): knot.time for key in (X, V, B)}
+        links = [interval.link for interval in self.intervals if interval.link is not None]
+        for i, link in enumerate(links):
+            tie = link.tie(links[i - 1], self._config.time_offset.walk) if i else None
+            factors.add(tie or link.prior(_REBUILD_INFLATION))
+            values.insert(link.key, link.shift)
+            times[link.key] = link.time
         current = {id(line) for line in self.lines.values()}
         used: dict[int, GraphLine] = {}
         for interval in self.intervals:

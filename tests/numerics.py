@@ -32,7 +32,7 @@ def relative_error(analytic: FloatArray, numeric: FloatArray) -> float:
 
 def read(values: gtsam.Values, key: int):
     """The value under `key`, whatever its type."""
-    for getter in (values.atPose3, values.atConstantBias, values.atUnit3):
+    for getter in (values.atPose3, values.atConstantBias, values.atUnit3, values.atDouble):
         with contextlib.suppress(RuntimeError):
             return getter(key)
     return values.atVector(key)
@@ -42,6 +42,8 @@ def retract(value, tangent: FloatArray):
     """GTSAM's own retraction of one value."""
     if isinstance(value, np.ndarray):
         return value + tangent
+    if isinstance(value, float):
+        return value + float(tangent[0])
     if isinstance(value, gtsam.imuBias.ConstantBias):
         vector = value.vector() + tangent
         return gtsam.imuBias.ConstantBias(vector[:3], vector[3:])
@@ -52,6 +54,8 @@ def dimension(value) -> int:
     """Of the tangent space."""
     if isinstance(value, np.ndarray):
         return len(value)
+    if isinstance(value, float):
+        return 1
     return 2 if isinstance(value, gtsam.Unit3) else 6
 
 

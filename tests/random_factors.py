@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Random, geometrically sensible factors of every form, with values to evaluate them at."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import gtsam
 import numpy as np
 from gtsam import noiseModel
-from gtsam.symbol_shorthand import B, G, L, V, X
+from gtsam.symbol_shorthand import B, G, L, T, V, X
 
 from ruledgraph_factors import (
     CompressedPoints,
@@ -18,10 +19,11 @@ from ruledgraph_factors import (
     ruled_surface_factor,
     ruled_surface_factor_with_gravity_direction,
     ruled_surface_factor_with_gravity_vector,
+    ruled_surface_factor_with_time_offset,
     ruled_surface_pose_factor,
 )
 
-FORMS = ("knot", "knot_gravity_direction", "knot_gravity_vector", "pose")
+FORMS = ("knot", "knot_time_offset", "knot_gravity_direction", "knot_gravity_vector", "pose")
 POINTS = (CompressedPoints, IndividualPoints)
 
 
@@ -41,9 +43,14 @@ class Case:
         points = kind.from_frames(frames)
         noise = noiseModel.Isotropic.Sigma(points.rows, sigma)
         knot = (X(0), V(0), B(0))
-        rest = (self.motion, self.chart, points, self.body_T_cam)
+        motion = self.motion
+        if form != "knot_time_offset":
+            motion = dataclasses.replace(motion, time_jacobian=None)
+        rest = (motion, self.chart, points, self.body_T_cam)
         if form == "knot":
             return ruled_surface_factor(noise, *knot, L(0), *rest)
+        if form == "knot_time_offset":
+            return ruled_surface_factor_with_time_offset(noise, *knot, T(0), L(0), *rest)
         if form == "knot_gravity_direction":
             return ruled_surface_factor_with_gravity_direction(noise, *knot, G(0), L(0), *rest)
         if form == "knot_gravity_vector":
@@ -63,6 +70,8 @@ def random_case(seed: int, frames: int = 3, points: int = 6, distance: float | N
         rng.normal(size=(frames, 9, 6)) * 0.05,
         rng.normal(size=6) * 0.05,
     )
+    time_jacobian = np.random.default_rng([seed, 1]).normal(size=(frames, 6))
+    motion = dataclasses.replace(motion, time_jacobian=time_jacobian)
     far = rng.uniform(1.0, 6.0) if distance is None else distance
     ends = rng.uniform(-0.5, 0.5, size=(2, 2))
     while np.linalg.norm(ends[1] - ends[0]) < 0.2:
@@ -84,4 +93,5 @@ def random_case(seed: int, frames: int = 3, points: int = 6, distance: float | N
     values.insert(G(0), gtsam.Unit3(rng.normal(size=3)))
     values.insert(G(1), rng.normal(size=3) * 9.0)
     values.insert(L(0), np.append(rng.normal() * 0.01, rng.normal(size=3) * 0.02))
+    values.insert(T(0), rng.normal() * 0.01)
     return Case(rng, motion, chart, list(seen), body_T_cam, values)

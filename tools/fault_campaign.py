@@ -30,7 +30,7 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -76,6 +76,8 @@ class Segment:
 def run(case: Case, source: fault_scenes.Source) -> dict[str, Any]:
     """Run a case; a row of figures."""
     recording, truth = source.open(), source.truth
+    # Judged is where the camera was when a frame was taken, whatever its stamp says.
+    truth = replace(truth, stamps=truth.stamps + round(1e9 * case.late))
     calibration = case.calibrate(source.calibration)
     stream: Iterable[Measurement] = case.apply(recording.stream())
     if not case.live:

@@ -23,6 +23,8 @@ class Case:
     calibrate: Callable[[Calibration], Calibration] = lambda calibration: calibration
     live: bool = False
     """Fed as it comes; otherwise as a recording's reader does, which tells of gaps of the IMU."""
+    late: float = 0.0
+    """By how much the stamps of frames are late, s."""
 
     @property
     def key(self) -> str:
@@ -56,7 +58,8 @@ def cases(recording: str, imu_limits: tuple[float, float]) -> Iterator[Case]:
     yield case("30% of the frames 0.1 s late, live", f.late(Frame, 0.1, 0.3), live=True)
     yield case("5% of the IMU samples 0.1 s late, live", f.late(ImuSample, 0.1, 0.05), live=True)
     for ms in (-20, -10, -5, 5, 10, 20):
-        yield case(f"stamps of frames off by {ms:+d} ms", f.shifted_frames(1e-3 * ms))
+        late = 1e-3 * ms
+        yield case(f"stamps of frames off by {ms:+d} ms", f.shifted_frames(late), late=late)
     for degrees in (0.3, 1.0, 3.0):
         turned = partial(f.turned_camera, degrees=degrees)
         yield case(f"extrinsic rotation off by {degrees:g} deg", calibrate=turned)

@@ -12,6 +12,7 @@ from ruledgraph_factors.factor import (
     ruled_surface_factor,
     ruled_surface_factor_with_gravity_direction,
     ruled_surface_factor_with_gravity_vector,
+    ruled_surface_factor_with_time_offset,
     ruled_surface_pose_factor,
 )
 from ruledgraph_factors.first_window import LineTrack, WindowSolution, solve_first_window
@@ -52,6 +53,7 @@ __all__ = [
     "ruled_surface_factor",
     "ruled_surface_factor_with_gravity_direction",
     "ruled_surface_factor_with_gravity_vector",
+    "ruled_surface_factor_with_time_offset",
     "ruled_surface_pose_factor",
     "same_line_factor",
     "solve_first_window",

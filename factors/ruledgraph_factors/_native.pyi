@@ -21,6 +21,7 @@ class Geometry:
         preintegrated: FloatArray,
         bias_jacobian: FloatArray,
         bias: FloatArray,
+        time_jacobian: FloatArray | None,
     ) -> None:
         """Take a `LineChart` and the extrinsic, poses as (4, 4), and a `FrameMotion`'s arrays."""
 
@@ -32,10 +33,12 @@ class _Surface:
         bias: FloatArray,
         gravity: FloatArray,
         line: FloatArray,
+        time_shift: float,
         residual: FloatArray,
         jacobian: FloatArray | None,
     ) -> None:
-        """Write the residual (rows,) at a state and, unless None, its Jacobian (rows, 22).
+        """Write the residual (rows,) at a state and, unless None, its Jacobian (rows, 22), or
+        (rows, 23) when there is a `time_jacobian`.
 
         The state is that of `ruled_surface.State`. `jacobian` has Fortran order.
         """
@@ -60,4 +63,4 @@ def compress(points: FloatArray, sqrt_weights: FloatArray, counts: IntArray) -> 
 def integrate(
     force: FloatArray, rate: FloatArray, dt: FloatArray, delta: FloatArray, d_bias: FloatArray
 ) -> int:
-    """As `motion.integrate_in_numpy`."""
+    """As `integration.integrate_in_numpy`."""

@@ -20,18 +20,25 @@ from ruledgraph_factors.kernel import active_kernel, native
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.motion import STANDARD_GRAVITY, FrameMotion
 from ruledgraph_factors.observations import CompressedPoints, IndividualPoints
-from ruledgraph_factors.ruled_surface import COLUMNS, Geometry, Residual, State
+from ruledgraph_factors.ruled_surface import (
+    COLUMNS,
+    COLUMNS_WITH_TIME,
+    Geometry,
+    Residual,
+    State,
+)
 from ruledgraph_factors.spec import Form, RuledSurfaceSpec
 from ruledgraph_factors.validation import FloatArray, positive_number
 
 Points = CompressedPoints | IndividualPoints
 
 _POSE, _VELOCITY, _BIAS = slice(0, 6), slice(6, 9), slice(9, 15)
-_GRAVITY, _LINE = slice(15, 18), slice(18, 22)
+_GRAVITY, _LINE, _TIME = slice(15, 18), slice(18, 22), slice(22, 23)
 _NO_VELOCITY, _NO_BIAS = np.zeros(3), np.zeros(6)
 # The columns of the residual's Jacobian that belong to each key.
 _COLUMNS: dict[Form, tuple[slice, ...]] = {
     "knot": (_POSE, _VELOCITY, _BIAS, _LINE),
+    "knot_time_offset": (_POSE, _VELOCITY, _BIAS, _TIME, _LINE),
     "knot_gravity_direction": (_POSE, _VELOCITY, _BIAS, _GRAVITY, _LINE),
     "knot_gravity_vector": (_POSE, _VELOCITY, _BIAS, _GRAVITY, _LINE),
     "pose": (_POSE, _LINE),
@@ -67,7 +74,9 @@ def _in_native(spec: RuledSurfaceSpec) -> Evaluate:
         motion.preintegrated,
         motion.bias_jacobian,
         motion.bias,
+        motion.time_jacobian,
     )
+    columns = COLUMNS if motion.time_jacobian is None else COLUMNS_WITH_TIME
     surface: native.GeometricSurface | native.ReprojectionSurface
     if isinstance(points, CompressedPoints):
         surface = native.GeometricSurface(geometry, points.statistics)
@@ -79,7 +88,7 @@ def _in_native(spec: RuledSurfaceSpec) -> Evaluate:
 
     def evaluate(state: State, want_jacobian: bool) -> Residual:
         value = np.empty(rows)
-        jacobian = np.empty((rows, COLUMNS), order="F") if want_jacobian else None
+        jacobian = np.empty((rows, columns), order="F") if want_jacobian else None
         surface.evaluate(*state, value, jacobian)
         return Residual(value, jacobian)
 
@@ -137,7 +146,7 @@ class _ErrorFunction:
         keys = this.keys()
         form = self._form
         velocity, bias, gravity = _NO_VELOCITY, _NO_BIAS, self._gravity
-        by_direction = None
+        by_direction, time_shift = None, 0.0
         if form != "pose":
             velocity = _vector(values, keys[1], 3)
             bias = values.atConstantBias(keys[2]).vector()
@@ -147,8 +156,11 @@ class _ErrorFunction:
                 by_direction = self._magnitude * direction.basis()
             elif form == "knot_gravity_vector":
                 gravity = _vector(values, keys[3], 3)
+            elif form == "knot_time_offset":
+                time_shift = values.atDouble(keys[3])
         pose, line = values.atPose3(keys[0]).matrix(), _vector(values, keys[-1], 4)
-        value, jacobian = self._evaluate(State(pose, velocity, bias, gravity, line), H is not None)
+        state = State(pose, velocity, bias, gravity, line, time_shift)
+        value, jacobian = self._evaluate(state, H is not None)
         if H is not None and jacobian is not None:
             for i, columns in enumerate(self._columns):
                 block = jacobian[:, columns]
@@ -207,6 +219,43 @@ def ruled_surface_factor(
     spec = RuledSurfaceSpec(
         form="knot",
         keys=(pose_key, velocity_key, bias_key, line_key),
+        noise_model=noise_model,
+        chart=chart,
+        motion=motion,
+        points=points,
+        body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
+        gravity=np.asarray(gravity),
+    )
+    return RuledSurfaceFactor(spec)
+
+
+def ruled_surface_factor_with_time_offset(
+    noise_model: noiseModel.Base,
+    pose_key: int,
+    velocity_key: int,
+    bias_key: int,
+    time_key: int,
+    line_key: int,
+    motion: FrameMotion,
+    chart: LineChart,
+    points: Points,
+    body_T_cam: gtsam.Pose3 | None = None,
+    gravity: ArrayLike = STANDARD_GRAVITY,
+) -> RuledSurfaceFactor:
+    """`ruled_surface_factor` with the clock of the frames as a variable.
+
+    Takes `time_key` (double, s): how much later than `motion` says the frames were taken. The knot
+    stays where it is; the frames' poses move along the motion, to first order (see the module
+    `motion`, which needs `preintegrate_frames(..., with_time=True)`): good for some milliseconds.
+    Where the estimate comes out larger, compute the times of coming frames with it. For all else
+    see `ruled_surface_factor`.
+
+    Source: the frame's own motion in place of Li and Mourikis, "Online temporal calibration for
+    camera-IMU systems", IJRR 2014, who shift the camera's pose likewise.
+    """
+    spec = RuledSurfaceSpec(
+        form="knot_time_offset",
+        keys=(pose_key, velocity_key, bias_key, time_key, line_key),
         noise_model=noise_model,
         chart=chart,
         motion=motion,

@@ -7,7 +7,9 @@ of their own; their poses follow from the knot's by preintegration:
 
     R_t = R_k Exp(theta_t(b)),    p_t = p_k + v_k t + g t^2 / 2 + R_k dp_t(b),
 
-with (theta, dp, dv)(b) = (theta, dp, dv)(b0) + H (b - b0), the first-order bias correction.
+with (theta, dp, dv)(b) = (theta, dp, dv)(b0) + H (b - b0), the first-order bias correction. Where
+the clock of the frames is not quite that of the IMU, their poses at t + s follow likewise to first
+order in s: theta and dp grow by s times their time derivatives, v t + g t^2 / 2 by s (v + g t).
 
 H is the derivative at fixed segments (see `ImuSamples.segments`), as in GTSAM.
 
@@ -25,13 +27,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ruledgraph_factors.errors import FactorError
+from ruledgraph_factors.integration import integrate_in_numpy
 from ruledgraph_factors.kernel import active_kernel, native
-from ruledgraph_factors.so3 import (
-    exp_and_right_jacobian,
-    hat,
-    inverse_right_jacobian,
-    inverse_right_jacobian_action_derivative,
-)
+from ruledgraph_factors.so3 import exp_and_right_jacobian, hat, inverse_right_jacobian
 from ruledgraph_factors.validation import (
     SAME_TIME,
     FloatArray,
@@ -148,7 +146,8 @@ class PredictedPoses(NamedTuple):
     """World poses of n frames, with Jacobians.
 
     Jacobians are of the poses' own right perturbation (rotation, translation), 6 rows, by the
-    knot's pose (6), velocity (3), bias (6: accelerometer, gyroscope) and by gravity (3).
+    knot's pose (6), velocity (3), bias (6: accelerometer, gyroscope), by gravity (3) and, of a
+    motion with a `time_jacobian`, by a shift of the frames in time (1).
     """
 
     rotation: FloatArray
@@ -156,7 +155,7 @@ class PredictedPoses(NamedTuple):
     position: FloatArray
     """Body origin in the world, (n, 3), m."""
     jacobian: FloatArray | None
-    """(n, 6, 18), None when not asked for."""
+    """(n, 6, 18 or 19), None when not asked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +174,9 @@ class FrameMotion:
     """H, its derivative by the bias (accelerometer, gyroscope), (n, 9, 6)."""
     bias: FloatArray
     """b0, the bias integrated with: accelerometer (m/s^2), gyroscope (rad/s), (6,)."""
+    time_jacobian: FloatArray | None = None
+    """Derivative of (theta, dp) by the frame's time at `bias`, (n, 6); for frames whose clock is
+    not quite the IMU's."""
 
     def __post_init__(self) -> None:
         count = np.size(self.elapsed)
@@ -184,6 +186,8 @@ class FrameMotion:
             "bias_jacobian": finite_array("bias_jacobian", self.bias_jacobian, (count, 9, 6)),
             "bias": finite_array("bias", self.bias, (6,)),
         }
+        if self.time_jacobian is not None:
+            checked["time_jacobian"] = finite_array("time_jacobian", self.time_jacobian, (count, 6))
         if checked["elapsed"][0] < 0.0:
             raise FactorError(f"elapsed starts at {checked['elapsed'][0]:g} s, before the knot")
         for name, value in checked.items():
@@ -204,7 +208,11 @@ class FrameMotion:
             raise FactorError(f"frames must be indices, not {index.dtype}")
         try:
             return FrameMotion(
-                self.elapsed[index], self.preintegrated[index], self.bias_jacobian[index], self.bias
+                self.elapsed[index],
+                self.preintegrated[index],
+                self.bias_jacobian[index],
+                self.bias,
+                None if self.time_jacobian is None else self.time_jacobian[index],
             )
         except IndexError as error:
             raise FactorError(f"frames: {error}") from None
@@ -218,8 +226,12 @@ class FrameMotion:
         state: gtsam.NavState,
         bias: gtsam.imuBias.ConstantBias,
         gravity: ArrayLike = STANDARD_GRAVITY,
+        time_shift: float = 0.0,
     ) -> list[gtsam.Pose3]:
-        """world_T_body of every frame, from the knot's state; times body_T_cam, its camera."""
+        """world_T_body of every frame, from the knot's state; times body_T_cam, its camera.
+
+        `time_shift` as for `predict`.
+        """
         predicted = self.predict(
             state.attitude().matrix(),
             state.position(),
@@ -227,6 +239,7 @@ class FrameMotion:
             _bias_vector(bias),
             finite_array("gravity", gravity, (3,)),
             want_jacobian=False,
+            time_shift=time_shift,
         )
         return [
             gtsam.Pose3(gtsam.Rot3(rotation), position)
@@ -241,6 +254,7 @@ class FrameMotion:
         bias: FloatArray,
         gravity: FloatArray,
         want_jacobian: bool = True,
+        time_shift: float = 0.0,
     ) -> PredictedPoses:
         """Poses of all frames from the knot's state.
 
@@ -251,26 +265,38 @@ class FrameMotion:
             bias: accelerometer and gyroscope, (6,).
             gravity: in the world, (3,), m/s^2.
             want_jacobian: whether to fill `PredictedPoses.jacobian`.
+            time_shift: how much later than `elapsed` the frames were taken, s; to first order, and
+                without a `time_jacobian` left out.
         """
         delta = self.corrected(bias)
+        t = self.elapsed[:, None]
+        by_velocity, by_gravity = t, 0.5 * t * t
+        if self.time_jacobian is not None:
+            delta[:, :6] += self.time_jacobian * time_shift
+            by_velocity, by_gravity = t + time_shift, by_gravity + t * time_shift
         delta_rotation, right_jacobian = exp_and_right_jacobian(delta[:, :3])
         delta_position = delta[:, 3:6]
-        t = self.elapsed[:, None]
         rotations = rotation @ delta_rotation
-        positions = position + velocity * t + gravity * (0.5 * t * t) + delta_position @ rotation.T
+        positions = position + velocity * by_velocity + gravity * by_gravity
+        positions = positions + delta_position @ rotation.T
         if not want_jacobian:
             return PredictedPoses(rotations, positions, None)
 
         frame_R_knot = delta_rotation.transpose(0, 2, 1)
         frame_R_world = rotations.transpose(0, 2, 1)
-        jacobian = np.zeros((len(self), 6, 18))
+        jacobian = np.zeros((len(self), 6, 18 if self.time_jacobian is None else 19))
         jacobian[:, :3, 0:3] = frame_R_knot
         jacobian[:, 3:, 0:3] = -frame_R_knot @ hat(delta_position)
         jacobian[:, 3:, 3:6] = frame_R_knot
-        jacobian[:, 3:, 6:9] = frame_R_world * t[..., None]
+        jacobian[:, 3:, 6:9] = frame_R_world * by_velocity[..., None]
         jacobian[:, :3, 9:15] = right_jacobian @ self.bias_jacobian[:, :3]
         jacobian[:, 3:, 9:15] = frame_R_knot @ self.bias_jacobian[:, 3:6]
-        jacobian[:, 3:, 15:18] = frame_R_world * (0.5 * t * t)[..., None]
+        jacobian[:, 3:, 15:18] = frame_R_world * by_gravity[..., None]
+        if self.time_jacobian is not None:
+            turning, moving = self.time_jacobian[:, :3], self.time_jacobian[:, 3:]
+            jacobian[:, :3, 18] = np.einsum("nij,nj->ni", right_jacobian, turning)
+            moving = velocity + gravity * t + moving @ rotation.T
+            jacobian[:, 3:, 18] = np.einsum("nij,nj->ni", frame_R_world, moving)
         return PredictedPoses(rotations, positions, jacobian)
 
 
@@ -279,6 +305,7 @@ def preintegrate_frames(
     knot_time: float,
     frame_times: ArrayLike,
     bias: gtsam.imuBias.ConstantBias | None = None,
+    with_time: bool = False,
 ) -> FrameMotion:
     """Preintegrate the IMU from a knot to every frame after it.
 
@@ -287,6 +314,7 @@ def preintegrate_frames(
         knot_time: time of the knot's state, s.
         frame_times: strictly increasing, the first at or after the knot, (n,), s.
         bias: where to linearise, by default zero; use the current estimate.
+        with_time: whether to fill `FrameMotion.time_jacobian`.
 
     Raises:
         FactorError: for frames before the knot, times not increasing, samples that do not cover
@@ -314,60 +342,11 @@ def preintegrate_frames(
             f"to {breaks[last]:.3f} s; put a knot in between"
         )
     at_frames = np.searchsorted(breaks, np.minimum(times, breaks[-1]))
-    return FrameMotion(times - knot_time, deltas[at_frames], jacobians[at_frames], bias_vector)
-
-
-def integrate_in_numpy(
-    force: FloatArray, rate: FloatArray, dt: FloatArray, delta: FloatArray, d_bias: FloatArray
-) -> int:
-    """Preintegrate n segments; the reference of `_native.integrate`.
-
-    Args:
-        force: accelerometer without bias, (n, 3), m/s^2.
-        rate: gyroscope without bias, (n, 3), rad/s.
-        dt: lengths of the segments, (n,), s.
-        delta: written, (theta, dp, dv) before the first segment and after each, (n + 1, 9).
-        d_bias: written, its derivative by the bias, (n + 1, 9, 6).
-
-    Returns:
-        The last state written: n, or the first where the body has turned by more than pi.
-    """
-    delta[0], d_bias[0] = 0.0, 0.0
-    for i, segment in enumerate(zip(force, rate, dt.tolist(), strict=True)):
-        if delta[i, :3] @ delta[i, :3] > np.pi**2:
-            return i
-        delta[i + 1], d_bias[i + 1] = _integrate(delta[i], d_bias[i], *segment)
-    return len(dt)
-
-
-def _integrate(
-    delta: FloatArray, d_bias: FloatArray, force: FloatArray, rate: FloatArray, dt: float
-) -> tuple[FloatArray, FloatArray]:
-    """One Euler step of (theta, dp, dv) and of its derivative by the bias."""
-    theta, position, velocity = delta[:3], delta[3:6], delta[6:]
-    rotation, right_jacobian = exp_and_right_jacobian(theta)
-    inverse_jacobian = inverse_right_jacobian(theta)
-    acceleration = rotation @ force
-
-    d_theta, d_position, d_velocity = d_bias[:3], d_bias[3:6], d_bias[6:]
-    d_acceleration = -rotation @ hat(force) @ right_jacobian @ d_theta
-    d_acceleration[:, :3] -= rotation
-    d_rate = inverse_right_jacobian_action_derivative(theta, rate) @ d_theta
-    d_rate[:, 3:] -= inverse_jacobian
-
-    return (
-        np.concatenate(
-            [
-                theta + inverse_jacobian @ rate * dt,
-                position + velocity * dt + acceleration * (0.5 * dt * dt),
-                velocity + acceleration * dt,
-            ]
-        ),
-        np.concatenate(
-            [
-                d_theta + d_rate * dt,
-                d_position + d_velocity * dt + d_acceleration * (0.5 * dt * dt),
-                d_velocity + d_acceleration * dt,
-            ]
-        ),
-    )
+    delta, by_time = deltas[at_frames], None
+    if with_time:
+        # d theta / dt = Jr(theta)^-1 w, d dp / dt = dv
+        at = [np.interp(times, imu.times, column) for column in imu.gyroscope.T]
+        rate = np.stack(at, axis=1) - bias_vector[3:]
+        turning = np.einsum("nij,nj->ni", inverse_right_jacobian(delta[:, :3]), rate)
+        by_time = np.hstack([turning, delta[:, 6:]])
+    return FrameMotion(times - knot_time, delta, jacobians[at_frames], bias_vector, by_time)

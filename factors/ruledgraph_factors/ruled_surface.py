@@ -17,7 +17,7 @@ and compared with the edge points in one of two ways:
   r = p - (S + alpha d)_xy / (S + alpha d)_z, two rows a point.
 
 The columns of a Jacobian are, in this order, the tangents of pose (6), velocity (3), bias (6),
-gravity (3) and line (4).
+gravity (3) and line (4); of a motion with a `time_jacobian` also the frames' shift in time (1).
 """
 
 from typing import NamedTuple
@@ -30,7 +30,7 @@ from ruledgraph_factors.motion import FrameMotion
 from ruledgraph_factors.so3 import hat
 from ruledgraph_factors.validation import FloatArray, IntArray
 
-COLUMNS = 22
+COLUMNS, COLUMNS_WITH_TIME = 22, 23
 # A ruling with |m_xy| below this (for a unit Pluecker pair) has no finite image line: the camera's
 # centre lies on the line, or the line lies in the camera's focal plane.
 NO_RULING = 1e-9
@@ -54,6 +54,8 @@ class State(NamedTuple):
     """In the world, (3,), m/s^2."""
     line: FloatArray
     """Delta of the chart, (4,)."""
+    time_shift: float = 0.0
+    """How much later than their motion says the frames were taken, s."""
 
 
 class CameraLine(NamedTuple):
@@ -66,13 +68,13 @@ class CameraLine(NamedTuple):
     sign: float
     """The sign of sin(phi), which `moment` carries as a common factor: +1 or -1."""
     d_moment: FloatArray | None
-    """(n, 3, 22)."""
+    """(n, 3, 22 or 23)."""
     d_direction: FloatArray | None
-    """(n, 3, 22)."""
+    """(n, 3, 22 or 23)."""
 
 
 class Residual(NamedTuple):
-    """Unwhitened residual (rows,) and Jacobian (rows, 22), None when not asked for."""
+    """Unwhitened residual (rows,) and Jacobian (rows, 22 or 23), None when not asked for."""
 
     value: FloatArray
     jacobian: FloatArray | None
@@ -98,6 +100,7 @@ class Geometry:
             state.bias,
             state.gravity,
             want_jacobian,
+            state.time_shift,
         )
         u, phi, right_jacobian = self.chart.frame(state.line)
         cosine, sine = float(np.cos(phi)), float(np.sin(phi))
@@ -131,12 +134,13 @@ class Geometry:
         d_world_moment[..., 1:] = cosine * d_normal + sine * lever @ d_along
         d_world_moment[..., 0] = -sine * normal + cosine * (lever @ along)
 
-        jacobian = np.zeros((len(self.motion), 6, COLUMNS))
-        jacobian[..., :18] = by_pose @ frames.jacobian
-        jacobian[:, :3, :18] = cam_R_body @ jacobian[:, :3, :18]
-        jacobian[:, 3:, :18] = cam_R_body @ jacobian[:, 3:, :18]
-        jacobian[:, :3, 18:] = cam_R_world @ d_world_moment
-        jacobian[:, 3:, 19:] = cam_R_world @ d_along
+        by_motion = by_pose @ frames.jacobian
+        by_motion[:, :3] = cam_R_body @ by_motion[:, :3]
+        by_motion[:, 3:] = cam_R_body @ by_motion[:, 3:]
+        jacobian = np.zeros((len(self.motion), 6, by_motion.shape[-1] + 4))
+        jacobian[..., :18], jacobian[..., 22:] = by_motion[..., :18], by_motion[..., 18:]
+        jacobian[:, :3, 18:22] = cam_R_world @ d_world_moment
+        jacobian[:, 3:, 19:22] = cam_R_world @ d_along
         return CameraLine(moment, direction, sign, jacobian[:, :3], jacobian[:, 3:])
 
 
@@ -162,7 +166,7 @@ def geometric_residual(line: CameraLine, statistics: FloatArray) -> Residual:
     projector[:] = np.eye(3)
     projector[:, :, :2] -= unit[:, :, None] * unit[:, None, :2]
     jacobian = (statistics @ projector * inverse[..., None]) @ line.d_moment
-    return Residual(value, jacobian.reshape(-1, COLUMNS))
+    return Residual(value, jacobian.reshape(value.size, -1))
 
 
 def reprojection_residual(
@@ -216,4 +220,4 @@ def reprojection_residual(
     d_foot += direction[:, :, None] * d_alpha[:, None, :]
     scale = (sqrt_weights * inverse)[:, None, None]
     jacobian = -scale * (d_foot[:, :2] - projected[..., None] * d_foot[:, 2:])
-    return Residual(value, jacobian.reshape(-1, COLUMNS))
+    return Residual(value, jacobian.reshape(value.size, -1))

@@ -23,11 +23,14 @@ from ruledgraph_factors.motion import FrameMotion
 from ruledgraph_factors.observations import CompressedPoints, IndividualPoints
 from ruledgraph_factors.validation import FloatArray, finite_array, graph_key, instance, pose
 
-Form: TypeAlias = Literal["knot", "knot_gravity_direction", "knot_gravity_vector", "pose"]
+Form: TypeAlias = Literal[
+    "knot", "knot_time_offset", "knot_gravity_direction", "knot_gravity_vector", "pose"
+]
 """Which variables a factor connects, see `KEY_NAMES`."""
 
 KEY_NAMES: dict[Form, tuple[str, ...]] = {
     "knot": ("pose_key", "velocity_key", "bias_key", "line_key"),
+    "knot_time_offset": ("pose_key", "velocity_key", "bias_key", "time_key", "line_key"),
     "knot_gravity_direction": ("pose_key", "velocity_key", "bias_key", "gravity_key", "line_key"),
     "knot_gravity_vector": ("pose_key", "velocity_key", "bias_key", "gravity_key", "line_key"),
     "pose": ("pose_key", "line_key"),
@@ -98,6 +101,10 @@ class RuledSurfaceSpec:
             raise FactorError(
                 f"points has {self.points.frames} frames, but motion has {len(self.motion)}"
             )
+        if self.form == "knot_time_offset" and self.motion.time_jacobian is None:
+            raise FactorError(
+                "motion has no time_jacobian: use preintegrate_frames(..., with_time=True)"
+            )
         pose("body_T_cam", self.body_T_cam)
         object.__setattr__(self, "gravity", finite_array("gravity", self.gravity, (3,)))
 
@@ -142,6 +149,7 @@ class RuledSurfaceSpec:
                     arrays["preintegrated"],
                     arrays["bias_jacobian"],
                     arrays["bias"],
+                    arrays.get("time_jacobian"),
                 ),
                 points=points,
                 body_T_cam=_pose3("body_T_cam", arrays["body_T_cam"]),
@@ -192,6 +200,8 @@ class RuledSurfaceSpec:
             "body_T_cam": self.body_T_cam.matrix(),
             "gravity": self.gravity,
         }
+        if self.motion.time_jacobian is not None:
+            arrays["time_jacobian"] = self.motion.time_jacobian
         if isinstance(self.points, CompressedPoints):
             arrays["statistics"] = self.points.statistics
         else:

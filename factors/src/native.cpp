@@ -31,7 +31,7 @@ template <int Rows, int Columns>
 using RowMajorMap = Eigen::Map<const RowMajor<Rows, Columns>>;
 template <typename Scalar, Eigen::Index... Shape>
 using Rows = nb::ndarray<Scalar, nb::shape<Shape...>, nb::c_contig, nb::device::cpu>;
-using JacobianArray = nb::ndarray<double, nb::shape<-1, kColumns>, nb::f_contig, nb::device::cpu>;
+using JacobianArray = nb::ndarray<double, nb::shape<-1, -1>, nb::f_contig, nb::device::cpu>;
 
 void require(bool condition, const char* message) {
   if (!condition) throw std::invalid_argument(message);
@@ -40,8 +40,11 @@ void require(bool condition, const char* message) {
 Geometry make_geometry(const Matrix4d& world_T_anchor, const Matrix3& basis, double angle,
                        const Matrix4d& body_T_cam, Rows<const double, -1> elapsed,
                        Rows<const double, -1, 9> preintegrated,
-                       Rows<const double, -1, 9, 6> bias_jacobian, const Vector6& bias) {
+                       Rows<const double, -1, 9, 6> bias_jacobian, const Vector6& bias,
+                       Rows<const double, -1, 6> time_jacobian) {
   const std::size_t count = elapsed.shape(0);
+  const bool timed = time_jacobian.is_valid();
+  require(!timed || time_jacobian.shape(0) == count, "elapsed and time_jacobian differ in length");
   require(preintegrated.shape(0) == count && bias_jacobian.shape(0) == count,
           "elapsed, preintegrated and bias_jacobian differ in length");
   std::vector<FrameMotion> frames;
@@ -49,11 +52,14 @@ Geometry make_geometry(const Matrix4d& world_T_anchor, const Matrix3& basis, dou
     // The residuals do not depend on dv, the last three.
     frames.push_back({elapsed.data()[i], Eigen::Map<const Vector6>(preintegrated.data() + 9 * i),
                       RowMajorMap<6, 6>(bias_jacobian.data() + 54 * i)});
+    if (timed) {
+      frames.back().time_jacobian = Eigen::Map<const Vector6>(time_jacobian.data() + 6 * i);
+    }
   }
   const LineChart chart{world_T_anchor.topLeftCorner<3, 3>(), world_T_anchor.topRightCorner<3, 1>(),
                         basis, angle};
   return Geometry(chart, body_T_cam.topLeftCorner<3, 3>(), body_T_cam.topRightCorner<3, 1>(),
-                  std::move(frames), bias);
+                  std::move(frames), bias, timed);
 }
 
 /// All constants of one factor.
@@ -63,22 +69,25 @@ struct RuledSurface {
   Points points;
 
   void evaluate(const Matrix4d& world_T_body, const Vector3& velocity, const Vector6& bias,
-                const Vector3& gravity, const Eigen::Vector4d& line, VectorOut residual,
-                JacobianArray jacobian) const {
+                const Vector3& gravity, const Eigen::Vector4d& line, double time_shift,
+                VectorOut residual, JacobianArray jacobian) const {
     const State state{world_T_body.topLeftCorner<3, 3>(),
                       world_T_body.topRightCorner<3, 1>(),
                       velocity,
                       bias,
                       gravity,
-                      line};
+                      line,
+                      time_shift};
     require(residual.size() == points.rows(), "residual has the wrong length");
     if (!jacobian.is_valid()) {
       ruledgraph::evaluate(geometry, points, state, residual, nullptr);
       return;
     }
-    require(static_cast<Index>(jacobian.shape(0)) == points.rows(),
-            "jacobian has the wrong number of rows");
-    MatrixOut out = Eigen::Map<Eigen::MatrixXd>(jacobian.data(), points.rows(), kColumns);
+    const Index columns = geometry.columns();
+    require(static_cast<Index>(jacobian.shape(0)) == points.rows() &&
+                static_cast<Index>(jacobian.shape(1)) == columns,
+            "jacobian has the wrong number of rows or columns");
+    MatrixOut out = Eigen::Map<Eigen::MatrixXd>(jacobian.data(), points.rows(), columns);
     ruledgraph::evaluate(geometry, points, state, residual, &out);
   }
 };
@@ -167,8 +176,8 @@ template <typename Surface>
 nb::class_<Surface> bind_surface(nb::module_& module, const char* name) {
   return nb::class_<Surface>(module, name)
       .def("evaluate", &Surface::evaluate, nb::arg("world_T_body"), nb::arg("velocity"),
-           nb::arg("bias"), nb::arg("gravity"), nb::arg("line"), nb::arg("residual"),
-           nb::arg("jacobian").noconvert().none());
+           nb::arg("bias"), nb::arg("gravity"), nb::arg("line"), nb::arg("time_shift"),
+           nb::arg("residual"), nb::arg("jacobian").noconvert().none());
 }
 
 }  // namespace
@@ -177,7 +186,7 @@ NB_MODULE(_native, module) {
   nb::class_<Geometry>(module, "Geometry")
       .def(nb::new_(&make_geometry), nb::arg("world_T_anchor"), nb::arg("basis"), nb::arg("angle"),
            nb::arg("body_T_cam"), nb::arg("elapsed"), nb::arg("preintegrated"),
-           nb::arg("bias_jacobian"), nb::arg("bias"));
+           nb::arg("bias_jacobian"), nb::arg("bias"), nb::arg("time_jacobian").none());
   bind_surface<GeometricSurface>(module, "GeometricSurface")
       .def(nb::new_(&make_geometric), nb::arg("geometry"), nb::arg("statistics"));
   bind_surface<ReprojectionSurface>(module, "ReprojectionSurface")

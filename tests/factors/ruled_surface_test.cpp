@@ -26,7 +26,8 @@ Matrix3 random_rotation() { return exponential(Vector3::Random()).rotation; }
 
 State random_state() {
   return {random_rotation(),       Vector3::Random(),       Vector3::Random(),
-          0.1 * Vector6::Random(), 9.0 * Vector3::Random(), 0.02 * Eigen::Vector4d::Random()};
+          0.1 * Vector6::Random(), 9.0 * Vector3::Random(), 0.02 * Eigen::Vector4d::Random(),
+          0.01 * Vector3::Random().x()};
 }
 
 /// GTSAM's retraction: right perturbation of the pose, rotation first; all else is added.
@@ -37,16 +38,18 @@ State retract(State state, const VectorXd& tangent) {
   state.bias += tangent.segment<6>(kBias);
   state.gravity += tangent.segment<3>(kGravity);
   state.line += tangent.segment<4>(kLine);
+  if (tangent.size() > kTime) state.time_shift += tangent[kTime];
   return state;
 }
 
 /// A line about three metres in front of the camera of `state`.
-Geometry random_geometry(const State& state) {
+Geometry random_geometry(const State& state, bool timed) {
   const Matrix3 body_R_cam = random_rotation();
   const Vector3 body_t_cam = 0.1 * Vector3::Random();
   std::vector<FrameMotion> frames;
   for (int i = 0; i < kFrames; ++i) {
-    frames.push_back({0.02 * i, 0.02 * Vector6::Random(), 0.05 * Matrix6::Random()});
+    frames.push_back(
+        {0.02 * i, 0.02 * Vector6::Random(), 0.05 * Matrix6::Random(), Vector6::Random()});
   }
   // Columns: normal of the viewing plane, the line's direction, and from its foot to the camera.
   Matrix3 basis;
@@ -54,7 +57,7 @@ Geometry random_geometry(const State& state) {
   const LineChart chart{state.rotation * body_R_cam, state.position + state.rotation * body_t_cam,
                         basis * exponential(0.1 * Vector3::Random()).rotation,
                         std::atan(1.0 / 3.0)};
-  return Geometry(chart, body_R_cam, body_t_cam, frames, 0.05 * Vector6::Random());
+  return Geometry(chart, body_R_cam, body_t_cam, frames, 0.05 * Vector6::Random(), timed);
 }
 
 double relative_error(const MatrixXd& analytic, const MatrixXd& numeric) {
@@ -71,13 +74,14 @@ VectorXd residual_at(const Geometry& geometry, const Points& points, const State
 template <typename Points>
 void check_jacobian(const Geometry& geometry, const Points& points, const State& state) {
   VectorXd residual(points.rows());
-  MatrixXd analytic(points.rows(), kColumns), numeric(points.rows(), kColumns);
+  const Eigen::Index columns = geometry.columns();
+  MatrixXd analytic(points.rows(), columns), numeric(points.rows(), columns);
   MatrixOut out = analytic;
   evaluate(geometry, points, state, residual, &out);
   assert(residual == residual_at(geometry, points, state));
   const double step = 1e-5;
-  for (int i = 0; i < kColumns; ++i) {
-    const VectorXd tangent = step * VectorXd::Unit(kColumns, i);
+  for (Eigen::Index i = 0; i < columns; ++i) {
+    const VectorXd tangent = step * VectorXd::Unit(columns, i);
     numeric.col(i) = (residual_at(geometry, points, retract(state, tangent)) -
                       residual_at(geometry, points, retract(state, -tangent))) /
                      (2.0 * step);
@@ -103,7 +107,7 @@ IndividualPoints random_points() {
 void derivatives_are_right() {
   for (int i = 0; i < 200; ++i) {
     const State state = random_state();
-    const Geometry geometry = random_geometry(state);
+    const Geometry geometry = random_geometry(state, i % 2 == 0);
     check_jacobian(geometry, random_statistics(), state);
     check_jacobian(geometry, random_points(), state);
   }

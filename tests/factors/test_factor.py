@@ -9,7 +9,7 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam import noiseModel
-from gtsam.symbol_shorthand import B, G, L, V, X
+from gtsam.symbol_shorthand import B, G, L, T, V, X
 from scipy.optimize import minimize_scalar
 
 from random_factors import FORMS, POINTS, random_case
@@ -28,6 +28,7 @@ from ruledgraph_factors import (
     ruled_surface_factor,
     ruled_surface_factor_with_gravity_direction,
     ruled_surface_factor_with_gravity_vector,
+    ruled_surface_factor_with_time_offset,
     ruled_surface_pose_factor,
 )
 
@@ -56,6 +57,7 @@ def test_compressed_error_equals_the_sum_over_points(form: str, count: int) -> N
         factor = case.factor(form, CompressedPoints, sigma=0.01)
         gravity = {
             "knot": np.array(STANDARD_GRAVITY),
+            "knot_time_offset": np.array(STANDARD_GRAVITY),
             "knot_gravity_direction": 9.81 * case.values.atUnit3(G(0)).unitVector(),
             "knot_gravity_vector": case.values.atVector(G(1)),
             "pose": np.zeros(3),
@@ -68,6 +70,7 @@ def test_compressed_error_equals_the_sum_over_points(form: str, count: int) -> N
             case.values.atVector(V(0)),
             case.values.atConstantBias(B(0)).vector(),
             gravity,
+            time_shift=case.values.atDouble(T(0)) if form == "knot_time_offset" else 0.0,
         )
         total = 0.0
         ends, _ = case.chart.end_points(case.values.atVector(L(0)), [-0.5, 0.5])
@@ -385,6 +388,16 @@ def test_bad_gravity_magnitude_names_the_argument() -> None:
             *(X(0), V(0), B(0), G(0), L(0)),
             *(GOOD.motion, GOOD.chart, GOOD_POINTS),
             gravity_magnitude=-9.81,
+        )
+
+
+def test_a_motion_without_time_is_named() -> None:
+    with pytest.raises(FactorError, match=r"motion has no time_jacobian: use .*with_time=True"):
+        ruled_surface_factor_with_time_offset(
+            noiseModel.Isotropic.Sigma(6, 1.0),
+            *(X(0), V(0), B(0), T(0), L(0)),
+            *(GOOD.motion.at_rest().select([0]), GOOD.chart),
+            CompressedPoints.from_frames(GOOD.frames[:1]),
         )
 
 

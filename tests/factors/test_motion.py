@@ -113,7 +113,8 @@ def test_jacobian_of_predicted_poses(seed: int) -> None:
     rng = np.random.default_rng(seed)
     motion = shaken_motion(seed)
     imu = simulate_imu(motion, 200.0, None, rng)
-    frame_motion = preintegrate_frames(imu.samples, 0.5, 0.5 + np.arange(4) * 0.05, BIAS)
+    frames = 0.5 + np.arange(4) * 0.05
+    frame_motion = preintegrate_frames(imu.samples, 0.5, frames, BIAS, with_time=True)
     pose, velocity = state_of(motion, 0.5)
     bias = BIAS.vector() + rng.normal(size=6) * 0.05
 
@@ -126,10 +127,11 @@ def test_jacobian_of_predicted_poses(seed: int) -> None:
             bias + tangent[9:15],
             GRAVITY + tangent[15:18],
             want_jacobian=want_jacobian,
+            time_shift=0.004 + tangent[18],
         )
 
-    nominal = predict(np.zeros(18), want_jacobian=True)
-    assert predict(np.zeros(18)).jacobian is None
+    nominal = predict(np.zeros(19), want_jacobian=True)
+    assert predict(np.zeros(19)).jacobian is None
 
     def local(tangent: np.ndarray) -> np.ndarray:
         moved = predict(tangent)
@@ -145,10 +147,52 @@ def test_jacobian_of_predicted_poses(seed: int) -> None:
             ]
         )
 
-    numeric = derivative(local, np.zeros(18), 1e-4)
+    numeric = derivative(local, np.zeros(19), 1e-4)
     assert nominal.jacobian is not None
-    for columns in (slice(0, 6), slice(6, 9), slice(9, 15), slice(15, 18)):
+    for columns in (slice(0, 6), slice(6, 9), slice(9, 15), slice(15, 18), slice(18, 19)):
         assert relative_error(nominal.jacobian[..., columns], numeric[..., columns]) < 1e-7
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_time_jacobian_is_the_derivative_of_integrating_to_shifted_frames(seed: int) -> None:
+    """Within a pair of samples, where the IMU's signals have no kinks. With its steps of 2.5 ms the
+    integrator's derivative is off by the jerk, some 200 m/s^3, times their square.
+    """
+    motion = shaken_motion(seed)
+    imu = simulate_imu(motion, 200.0, None, np.random.default_rng(seed)).samples
+    frames = 0.3025 + np.arange(4) * 0.05
+
+    def to_frames(shift: float) -> np.ndarray:
+        moved = preintegrate_frames(imu, 0.3, frames + shift, BIAS).preintegrated[:, :6]
+        return np.asarray(moved)
+
+    step = 5e-4
+    numeric = (to_frames(step) - to_frames(-step)) / (2.0 * step)
+    by_time = preintegrate_frames(imu, 0.3, frames, BIAS, with_time=True).time_jacobian
+    assert by_time is not None
+    np.testing.assert_allclose(by_time, numeric, rtol=1e-4, atol=2e-3)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_frames_shifted_in_time_are_right_to_first_order(seed: int) -> None:
+    """What is left of a shift is of second order: a quarter at half of it."""
+    motion = shaken_motion(seed)
+    imu = simulate_imu(motion, 200.0, None, np.random.default_rng(seed)).samples
+    frames = 0.5 + np.arange(1, 5) * 0.05
+    timed = preintegrate_frames(imu, 0.5, frames, BIAS, with_time=True)
+    state = gtsam.NavState(*state_of(motion, 0.5))
+
+    def left(shift: float) -> float:
+        exact = preintegrate_frames(imu, 0.5, frames + shift, BIAS).poses(state, BIAS)
+        shifted = timed.poses(state, BIAS, time_shift=shift)
+        return max(
+            float(np.abs(a.localCoordinates(b)).max()) for a, b in zip(exact, shifted, strict=True)
+        )
+
+    assert left(0.0) < 1e-15
+    assert left(0.02) / left(0.01) == pytest.approx(4.0, rel=0.1)
+    # Half of some 40 rad/s^2 for 5 ms.
+    assert left(0.005) < 5e-4
 
 
 @pytest.mark.parametrize("seed", range(5))

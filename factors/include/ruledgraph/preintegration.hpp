@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 //
 // Tangent-space preintegration of the IMU with its derivative by the bias: the native version of
-// `_integrate` in `ruledgraph_factors/motion.py`, where the equations are.
+// `_integrate` in `ruledgraph_factors/integration.py`, where the equations are.
 #pragma once
 
 #include <Eigen/Core>

@@ -8,7 +8,8 @@
 // The native version of `ruledgraph_factors/ruled_surface.py`, which says what is computed and
 // stays the reference: same equations, same names, same behaviour at degenerate geometry. The
 // columns of a Jacobian are GTSAM's tangents of pose (rotation first, right perturbation),
-// velocity, bias (accelerometer, gyroscope), gravity and line.
+// velocity, bias (accelerometer, gyroscope), gravity and line, and of a timed geometry one more: how
+// much later the frames were taken.
 #pragma once
 
 #include <Eigen/Core>
@@ -25,7 +26,7 @@ using Vector6 = Eigen::Matrix<double, 6, 1>;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
 constexpr int kColumns = 22;
-constexpr int kPose = 0, kVelocity = 6, kBias = 9, kGravity = 15, kLine = 18;
+constexpr int kPose = 0, kVelocity = 6, kBias = 9, kGravity = 15, kLine = 18, kTime = 22;
 
 constexpr double kNoRuling = 1e-9;
 constexpr double kBehindCameraResidual = 2.0;
@@ -39,7 +40,8 @@ struct State {
   Vector3 velocity;
   Vector6 bias;  ///< accelerometer, gyroscope; body
   Vector3 gravity;
-  Eigen::Vector4d line;  ///< in the chart
+  Eigen::Vector4d line;     ///< in the chart
+  double time_shift = 0.0;  ///< how much later the frames were taken; of a timed geometry
 };
 
 /// The constants of the line variable.
@@ -55,6 +57,7 @@ struct FrameMotion {
   double elapsed;
   Vector6 preintegrated;  ///< (theta, dp) at the bias integrated with
   Matrix6 bias_jacobian;  ///< its derivative by the bias
+  Vector6 time_jacobian = Vector6::Zero();  ///< and by the frame's time
 };
 
 /// The line of one state, in the world.
@@ -69,21 +72,26 @@ struct CameraLine {
   Vector3 moment;
   Vector3 direction;                                         ///< unit
   Eigen::Matrix<double, 3, kColumns> d_moment, d_direction;  ///< only when asked for
+  Vector3 moment_by_time, direction_by_time;                 ///< and of a timed geometry
 };
 
 /// The constants that bring a line into the cameras of an interval.
 class Geometry {
  public:
-  /// `bias` is the one that all of `frames` were integrated with.
+  /// `bias` is the one that all of `frames` were integrated with; `timed` says whether their time
+  /// is a variable.
   Geometry(LineChart chart, const Matrix3& body_R_cam, const Vector3& body_t_cam,
-           std::vector<FrameMotion> frames, const Vector6& bias)
+           std::vector<FrameMotion> frames, const Vector6& bias, bool timed = false)
       : chart_(std::move(chart)),
         cam_R_body_(body_R_cam.transpose()),
         body_t_cam_(body_t_cam),
         frames_(std::move(frames)),
-        bias_(bias) {}
+        bias_(bias),
+        timed_(timed) {}
 
   std::size_t frames() const { return frames_.size(); }
+  bool timed() const { return timed_; }
+  Eigen::Index columns() const { return kColumns + (timed_ ? 1 : 0); }
 
   WorldLine line_in_world(const State& state) const {
     const Exponential turn = exponential(state.line.tail<3>());
@@ -102,12 +110,18 @@ class Geometry {
                             bool want_jacobian) const {
     const FrameMotion& motion = frames_[frame];
     const double t = motion.elapsed;
-    const Vector6 delta = motion.preintegrated + motion.bias_jacobian * (state.bias - bias_);
+    Vector6 delta = motion.preintegrated + motion.bias_jacobian * (state.bias - bias_);
+    double by_velocity = t, by_gravity = 0.5 * t * t;
+    if (timed_) {
+      delta += motion.time_jacobian * state.time_shift;
+      by_velocity += state.time_shift;
+      by_gravity += t * state.time_shift;
+    }
     const Vector3 delta_position = delta.tail<3>();
     const Exponential turn = exponential(delta.head<3>());
     const Matrix3 rotation = state.rotation * turn.rotation;
-    const Vector3 position = state.position + state.velocity * t + state.gravity * (0.5 * t * t) +
-                             state.rotation * delta_position;
+    const Vector3 position = state.position + state.velocity * by_velocity +
+                             state.gravity * by_gravity + state.rotation * delta_position;
 
     const Matrix3 body_R_world = rotation.transpose();
     const Matrix3 cam_R_world = cam_R_body_ * body_R_world;
@@ -136,10 +150,10 @@ class Geometry {
     d_moment.middleCols<3>(kPose) =
         by_rotation * frame_R_knot - by_knot_translation * hat(delta_position);
     d_moment.middleCols<3>(kPose + 3) = by_knot_translation;
-    d_moment.middleCols<3>(kVelocity) = by_world_translation * t;
+    d_moment.middleCols<3>(kVelocity) = by_world_translation * by_velocity;
     d_moment.middleCols<6>(kBias) =
         by_rotation * turn_by_bias + by_knot_translation * motion.bias_jacobian.bottomRows<3>();
-    d_moment.middleCols<3>(kGravity) = by_world_translation * (0.5 * t * t);
+    d_moment.middleCols<3>(kGravity) = by_world_translation * by_gravity;
     d_moment.middleCols<3>(kLine + 1) =
         cam_R_world * (line.cosine * line.d_normal + line.sine * (hat(lever) * line.d_along));
     d_moment.col(kLine) = cam_R_world * (line.cosine * turned - line.sine * line.normal);
@@ -149,6 +163,13 @@ class Geometry {
     d_direction.middleCols<3>(kPose) = direction_by_rotation * frame_R_knot;
     d_direction.middleCols<6>(kBias) = direction_by_rotation * turn_by_bias;
     d_direction.middleCols<3>(kLine + 1) = cam_R_world * line.d_along;
+    if (timed_) {
+      const Vector3 turning = turn.right_jacobian * motion.time_jacobian.head<3>();
+      result.moment_by_time = by_rotation * turning +
+                              by_knot_translation * motion.time_jacobian.tail<3>() +
+                              by_world_translation * (state.velocity + state.gravity * t);
+      result.direction_by_time = direction_by_rotation * turning;
+    }
     return result;
   }
 
@@ -158,6 +179,7 @@ class Geometry {
   Vector3 body_t_cam_;
   std::vector<FrameMotion> frames_;
   Vector6 bias_;
+  bool timed_;
 };
 
 /// The points of each frame as triangular statistics C: three rows a frame, C m / |m_xy|.
@@ -179,7 +201,7 @@ struct IndividualPoints {
 using VectorOut = Eigen::Ref<Eigen::VectorXd>;
 using MatrixOut = Eigen::Ref<Eigen::MatrixXd>;
 
-/// Unwhitened geometric residual (rows) and, unless null, its Jacobian (rows x 22).
+/// Unwhitened geometric residual (rows) and, unless null, its Jacobian (rows x columns()).
 /// A frame without a finite ruling has zero rows.
 inline void evaluate(const Geometry& geometry, const CompressedPoints& points, const State& state,
                      VectorOut residual, MatrixOut* jacobian) {
@@ -197,7 +219,8 @@ inline void evaluate(const Geometry& geometry, const CompressedPoints& points, c
     Matrix3 projector = Matrix3::Identity();
     projector.leftCols<2>() -= unit * unit.head<2>().transpose();
     const Matrix3 by_moment = (points.statistics[i] * projector) * inverse;
-    jacobian->middleRows<3>(row).noalias() = by_moment * line.d_moment;
+    jacobian->block<3, kColumns>(row, 0).noalias() = by_moment * line.d_moment;
+    if (geometry.timed()) jacobian->block<3, 1>(row, kTime) = by_moment * line.moment_by_time;
   }
 }
 
@@ -240,7 +263,7 @@ inline PointResidual reprojection(const Eigen::Vector2d& p, const Vector3& close
   return result;
 }
 
-/// Unwhitened reprojection residual (rows) and, unless null, its Jacobian (rows x 22).
+/// Unwhitened reprojection residual (rows) and, unless null, its Jacobian (rows x columns()).
 inline void evaluate(const Geometry& geometry, const IndividualPoints& points, const State& state,
                      VectorOut residual, MatrixOut* jacobian) {
   const WorldLine world = geometry.line_in_world(state);
@@ -264,7 +287,14 @@ inline void evaluate(const Geometry& geometry, const IndividualPoints& points, c
     Eigen::Matrix<double, 6, kColumns> d_line;
     d_line.topRows<3>() = hat(line.direction) * line.d_moment - hat(line.moment) * line.d_direction;
     d_line.bottomRows<3>() = line.d_direction;
-    jacobian->middleRows(first_row, 2 * count).noalias() = by_line.lazyProduct(d_line);
+    auto rows = jacobian->middleRows(first_row, 2 * count);
+    rows.leftCols<kColumns>().noalias() = by_line.lazyProduct(d_line);
+    if (!geometry.timed()) continue;
+    Vector6 line_by_time;
+    line_by_time << line.direction.cross(line.moment_by_time) -
+                        line.moment.cross(line.direction_by_time),
+        line.direction_by_time;
+    rows.col(kTime) = by_line * line_by_time;
   }
 }
 
