@@ -12,7 +12,7 @@ from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, L, V, X
 
 from ruledgraph.config import Config
-from ruledgraph.inertial import ImuBuffer, noise_across
+from ruledgraph.inertial import ImuBuffer, params_across
 from ruledgraph.lines import GraphLine
 from ruledgraph.sensors import Calibration, FloatArray
 from ruledgraph.smoother import FixedLagSmoother, SmootherError
@@ -74,12 +74,14 @@ class Interval:
     motion: FrameMotion
     imu_factors: list[gtsam.NonlinearFactor]
     known: int
-    """How many of its frames come before a hole of the IMU: the others' poses are guesses."""
+    """How many of its frames come before a doubt of the IMU: the others' poses are guesses."""
+    again: int = 0
+    """1 when the knot's own frame is the first: the interval before could not place it."""
     line_factors: list[tuple[GraphLine, RuledSurfaceFactor]] = field(default_factory=list)
 
     @property
     def is_known(self) -> bool:
-        """Whether there is no hole in it."""
+        """Whether there is no doubt in it."""
         return self.known == len(self.stamps)
 
     def poses(self) -> list[gtsam.Pose3]:
@@ -202,13 +204,17 @@ class Window:
         """
         knot = self.newest
         k = knot.index
+        unplaced = bool(self.intervals) and not self.intervals[-1].is_known
+        again = int(unplaced and not imu.is_lost(knot.time))
+        if again:
+            stamps, times = [self.intervals[-1].stamps[-1], *stamps], [knot.time, *times]
         samples = imu.between(knot.time, times[-1])
         params, known = self._imu_params, len(times)
-        holes = imu.holes(knot.time, times[-1])
-        if holes:
-            noise = noise_across(self._imu_noise, holes, knot.time, times[-1])
-            params = noise.preintegration_params()
-            known = sum(time <= holes[0].start for time in times)
+        doubts = imu.doubts(knot.time, times[-1])
+        if doubts:
+            params = params_across(self._imu_noise, doubts, knot.time, times[-1])
+            first = min(doubt.start for doubt in doubts)
+            known = max(again, sum(time <= first for time in times))
         preintegrated = gtsam.PreintegratedCombinedMeasurements(params, knot.bias)
         for segment in samples.segments(knot.time, times[-1], at=times, bias=knot.bias):
             preintegrated.integrateMeasurement(*segment)
@@ -223,7 +229,7 @@ class Window:
         for factor in imu_factors:
             self._new_factors.add(factor)
         motion = preintegrate_frames(samples, knot.time, times, knot.bias)
-        interval = Interval(knot, list(stamps), motion, imu_factors, known)
+        interval = Interval(knot, list(stamps), motion, imu_factors, known, again)
         self.intervals.append(interval)
         self.knots.append(new)
         self._insert(new)
