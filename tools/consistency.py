@@ -15,7 +15,7 @@ interrupted goes on.
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +38,7 @@ DIMENSION = 3
 
 
 def run(seed: int, moving_start: bool, seconds: float, rate: float) -> dict[str, Any]:
-    """NEES of each part at each knot of a run, and the knots' times, s."""
+    """NEES of each part at each knot of a run, and which of them were held still."""
     started = time.perf_counter()
     simulation = simulation_from_options(
         SCENE, MOTION, rate=rate, duration=seconds, moving_start=moving_start, seed=seed
@@ -50,6 +50,7 @@ def run(seed: int, moving_start: bool, seconds: float, rate: float) -> dict[str,
         "warnings": list(odometry.warnings),
         "recoveries": list(odometry.recoveries),
         "segments": len({e.segment for e in live}),
+        "still": [e.status == "still" for e in live if e.at_knot],
     }
     if not live:
         return row
@@ -79,26 +80,31 @@ def bounds(runs: int) -> tuple[FloatArray, FloatArray]:
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
-    """In Markdown: a line for each start and part."""
+    """In Markdown: a line for each start, whether it is held still, and part."""
     lines = [
-        "| start | runs | | mean NEES | 95 % | median, of the expected | 95 % | off by |",
-        "|" + " --- |" * 8,
+        "| start | knots | runs | | mean NEES | 95 % | median, of the expected | 95 % | off by |",
+        "|" + " --- |" * 9,
     ]
     for start in STARTS:
-        chosen = [row for row in rows if row["start"] == start and PARTS[0] in row]
-        if not chosen:
-            continue
-        of_mean, of_median = bounds(len(chosen))
-        for part in PARTS:
-            values = np.concatenate([row[part] for row in chosen])
-            mean = float(values.mean())
-            median = float(np.median(values)) * DIMENSION / chi2.median(DIMENSION)
-            lines.append(
-                f"| {start} | {len(chosen)} | {part} | {mean:.2f} "
-                f"| {of_mean[0]:.2f} to {of_mean[1]:.2f} | {median:.2f} "
-                f"| {of_median[0]:.2f} to {of_median[1]:.2f} | {max(median, 1.0 / median):.1f} |"
-            )
+        for held in (False, True):
+            chosen = [row for row in rows if row["start"] == start and held in row.get("still", [])]
+            if chosen:
+                lines += _lines(start, held, chosen)
     return "\n".join(lines)
+
+
+def _lines(start: str, held: bool, rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    of_mean, of_median = bounds(len(rows))
+    for part in PARTS:
+        values = np.concatenate([np.array(row[part])[np.equal(row["still"], held)] for row in rows])
+        mean = float(values.mean())
+        median = float(np.median(values)) * DIMENSION / chi2.median(DIMENSION)
+        yield (
+            f"| {start} | {'held still' if held else 'moving'} | {len(rows)} | {part} "
+            f"| {mean:.2f} | {of_mean[0]:.2f} to {of_mean[1]:.2f} "
+            f"| {median:.2f} | {of_median[0]:.2f} to {of_median[1]:.2f} "
+            f"| {max(median, 1.0 / median):.1f} |"
+        )
 
 
 @click.command(help=__doc__)

@@ -29,7 +29,8 @@ def row(start: str, seed: int, scale: float) -> dict:
     """Of a run whose covariances are too small by `scale`, 200 knots."""
     rng = np.random.default_rng([seed, len(start)])
     nees = scale * np.sum(rng.normal(size=(200, DIMENSION)) ** 2, axis=1) / DIMENSION
-    return {"start": start, "seed": seed} | {part: nees.tolist() for part in PARTS}
+    known = {"start": start, "seed": seed, "still": 200 * [False]}
+    return known | {part: nees.tolist() for part in PARTS}
 
 
 def test_the_table_says_by_what_factor_it_is_off():
@@ -37,16 +38,27 @@ def test_the_table_says_by_what_factor_it_is_off():
     rows += [row("in motion", seed, 3.0) for seed in range(50)]
     lines = consistency.table(rows).splitlines()
     cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines[2:]]
-    assert [(line[0], line[2]) for line in cells] == [
+    assert [(line[0], line[3]) for line in cells] == [
         (start, part) for start in consistency.STARTS for part in PARTS
     ]
     for line in cells:
         expected = 1.0 if line[0] == "at rest" else 3.0
         # 10,000 draws: 0.8 % and 1.2 % of deviation, and two digits.
-        assert float(line[3]) == pytest.approx(expected, rel=0.04)
-        assert float(line[5]) == pytest.approx(expected, rel=0.06)
-        assert float(line[7]) == pytest.approx(expected, abs=0.2)
-        assert line[4] == "0.79 to 1.24"  # scipy's chi2.ppf([0.025, 0.975], 150) / 150
+        assert float(line[4]) == pytest.approx(expected, rel=0.04)
+        assert float(line[6]) == pytest.approx(expected, rel=0.06)
+        assert float(line[8]) == pytest.approx(expected, abs=0.2)
+        assert line[5] == "0.79 to 1.24"  # scipy's chi2.ppf([0.025, 0.975], 150) / 150
+
+
+def test_knots_held_still_are_counted_apart():
+    rows = [row("at rest", seed, 0.1) for seed in range(10)]
+    for i, own in enumerate(rows):
+        own["still"] = [n < 20 + i for n in range(200)]
+        for part in PARTS:
+            own[part] = np.where(own["still"], 0.1, 1.0).tolist()
+    lines = [line.split("|") for line in consistency.table(rows).splitlines()[2:]]
+    found = {(line[2].strip(), float(line[5])) for line in lines}
+    assert found == {("moving", 1.0), ("held still", 0.1)}
 
 
 def test_a_run_that_goes_on(tmp_path):
@@ -59,4 +71,4 @@ def test_a_run_that_goes_on(tmp_path):
     assert [r["seed"] for r in rows] == [0, 1, 2]
     assert len(rows[2]["position"]) > 5
     assert np.all(np.isfinite(rows[2]["gyroscope bias"]))
-    assert "| at rest | 3 | position |" in result.output
+    assert "| at rest | moving | 3 | position |" in result.output
