@@ -5,28 +5,25 @@
 import bisect
 import itertools
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import NamedTuple
 
+import gtsam
 import numpy as np
 
+from ruledgraph.imu_faults import Doubt, RangeWatch
 from ruledgraph.sensors import FloatArray, ImuNoise
 from ruledgraph_factors import ImuSamples
 
 # A longer stretch without a sample is a hole, s.
 _HOLE = 0.05
+# In a hole lines are followed by guesses; beyond this, s, they are not trusted.
+_LOST = 0.12
+# So long after that, or after clipped readings, s, the estimate may be off by more than it says.
+_UNSURE = 1.0
 # A reading that comes again so many times, to the last bit, is that of an IMU that hangs.
 _REPEATS = 4
 # What a straight line between two samples leaves open of rate and specific force (rad/s, m/s^2),
 # when they are this far apart (s) or further; of a shorter hole it is the square of that.
 _OPEN_RATE, _OPEN_FORCE, _LONG = 0.5, 1.5, 0.2
-
-
-class Hole(NamedTuple):
-    """A stretch between two samples, s."""
-
-    start: float
-    stop: float
 
 
 class ImuBuffer:
@@ -40,6 +37,9 @@ class ImuBuffer:
         self._times: list[float] = []
         self._values: list[FloatArray] = []
         self._repeats: list[float] = []
+        self._range = RangeWatch()
+        self.range_news = ""
+        """What was found of the sensors' range with the last sample."""
 
     def append(self, time: float, gyroscope: FloatArray, accelerometer: FloatArray) -> float:
         """Add a sample; one that is not later than the last is ignored.
@@ -62,6 +62,7 @@ class ImuBuffer:
         self._repeats.clear()
         self._times.append(time)
         self._values.append(value)
+        self.range_news = self._range.add(time, value)
         return hung
 
     @property
@@ -79,15 +80,23 @@ class ImuBuffer:
         values = np.array(self._values[part])
         return ImuSamples(self._times[part], values[:, :3], values[:, 3:])
 
-    def holes(self, start: float, stop: float) -> list[Hole]:
-        """Where in (start, stop) samples are too far apart."""
+    def doubts(self, start: float, stop: float) -> list[Doubt]:
+        """Where in (start, stop) samples are too far apart, or at the end of the range."""
         times = self._times[self._part(start, stop)]
-        found = [Hole(*pair) for pair in itertools.pairwise(times)]
-        return [
-            hole
-            for hole in found
-            if hole.stop - hole.start > _HOLE and hole.stop > start and hole.start < stop
-        ]
+        found = [_hole(*pair) for pair in itertools.pairwise(times) if pair[1] - pair[0] > _HOLE]
+        found += self._range.doubts
+        return [doubt for doubt in found if doubt.stop > start and doubt.start < stop]
+
+    def is_lost(self, time: float) -> bool:
+        """Whether it is so long since the last sample that lines are no longer where expected."""
+        return any(
+            _is_hole(doubt) and time - doubt.start > _LOST for doubt in self.doubts(time, time)
+        )
+
+    def is_unsure(self, time: float) -> bool:
+        """Whether lines may have been lost, or readings were clipped, not long before."""
+        recent = self.doubts(time - _UNSURE, time)
+        return any(not _is_hole(doubt) or doubt.stop - doubt.start > _LOST for doubt in recent)
 
     def _part(self, start: float, stop: float) -> slice:
         first = max(bisect.bisect_right(self._times, start) - 1, 0)
@@ -97,25 +106,39 @@ class ImuBuffer:
         """Drop what is not needed to interpolate at or after `before`."""
         keep = max(bisect.bisect_right(self._times, before) - 2, 0)
         del self._times[:keep], self._values[:keep]
+        self._range.forget(before)
 
     def clear(self) -> None:
         """Drop everything."""
         self._times.clear()
         self._values.clear()
         self._repeats.clear()
+        self._range.forget(np.inf)
 
 
-def noise_across(noise: ImuNoise, holes: Sequence[Hole], start: float, stop: float) -> ImuNoise:
-    """The noise of what is integrated from start to stop across holes.
+def _hole(start: float, stop: float) -> Doubt:
+    shorter = min((stop - start) / _LONG, 1.0) ** 2
+    return Doubt(start, stop, shorter * np.repeat([_OPEN_RATE, _OPEN_FORCE], 3))
 
-    What a hole leaves open does not change much within it: as white noise that leaves the same at
-    its end it has a density that grows with the root of its length.
+
+def _is_hole(doubt: Doubt) -> bool:
+    return bool(np.all(doubt.open > 0.0))
+
+
+def params_across(
+    noise: ImuNoise, doubts: Sequence[Doubt], start: float, stop: float
+) -> gtsam.PreintegrationCombinedParams:
+    """The noise of what is integrated from start to stop across doubtful stretches.
+
+    What a stretch leaves open does not change much within it: as white noise that leaves the same
+    at its end it has a density that grows with the root of its length.
     """
-    rate, force = noise.gyroscope**2, noise.accelerometer**2
-    for hole in holes:
-        length = hole.stop - hole.start
-        inside = min(hole.stop, stop) - max(hole.start, start)
-        share = min(length / _LONG, 1.0) ** 4 * length * inside / (stop - start)
-        rate += _OPEN_RATE**2 * share
-        force += _OPEN_FORCE**2 * share
-    return replace(noise, gyroscope=float(np.sqrt(rate)), accelerometer=float(np.sqrt(force)))
+    variance = np.zeros(6)
+    for doubt in doubts:
+        length = doubt.stop - doubt.start
+        inside = min(doubt.stop, stop) - max(doubt.start, start)
+        variance += doubt.open**2 * length * inside / (stop - start)
+    params = noise.preintegration_params()
+    params.setGyroscopeCovariance(np.diag(noise.gyroscope**2 + variance[:3]))
+    params.setAccelerometerCovariance(np.diag(noise.accelerometer**2 + variance[3:]))
+    return params

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Measurements as they come: on one clock, in order, frames until the IMU has reached them.
 
-Silences of the IMU and sensors that hang are noticed here.
+Faults of the sensors that a stream shows are noticed here: silences, hanging, spikes.
 """
 
 from collections import deque
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruledgraph.errors import RuledgraphError
+from ruledgraph.imu_faults import Reading, SpikeFilter
 from ruledgraph.inertial import ImuBuffer
 from ruledgraph.measurements import MAX_IMU_GAP, Frame, Gap, ImuSample
 from ruledgraph.sensors import Calibration
@@ -27,6 +28,7 @@ class Intake:
         self.imu = ImuBuffer()
         self.correction = 0.0
         """Of the calibration's time offset, for the frames to come, s."""
+        self._spikes = SpikeFilter()
         self._calibration = calibration
         self._warnings = warnings
         self._origin: int | None = None
@@ -49,14 +51,32 @@ class Intake:
         Returns:
             The gap before it, if the IMU was silent for too long: `begin_anew`, and add it again.
         """
-        time, before = self.seconds(sample.stamp), self.imu.latest
-        hung = self.imu.append(time, sample.gyroscope, sample.accelerometer)
+        value = np.concatenate([sample.gyroscope, sample.accelerometer])
+        gap = None
+        for reading in self._spikes.take(self.seconds(sample.stamp), value):
+            gap = self._append(reading, sample.stamp)
+        return gap
+
+    def _append(self, reading: Reading, stamp: int) -> Gap | None:
+        time, before = reading.time, self.imu.latest
+        hung = self.imu.append(time, reading.value[:3], reading.value[3:])
+        if reading.replaced:
+            self._warnings.counted(
+                "the IMU spikes",
+                f"the IMU spikes at {time:.2f} s: single readings far from both their neighbours "
+                "are replaced by what lies between them",
+            )
+        if self.imu.range_news:
+            self._warnings.append(
+                f"{self.imu.range_news}, as found at {time:.2f} s: what it reads there is doubted; "
+                "set a larger range"
+            )
         if hung > _LEAST_HANG:
             self._warnings.append(
                 f"the IMU hung at {before:.2f} s: the same reading for {hung:.2f} s is not used"
             )
         if before > -np.inf and self.imu.latest - before > MAX_IMU_GAP * 1e-9:
-            return Gap(sample.stamp - round((time - before) * 1e9), sample.stamp)
+            return Gap(stamp - round((time - before) * 1e9), stamp)
         return None
 
     def add_image(self, frame: Frame) -> None:
@@ -91,6 +111,7 @@ class Intake:
     def begin_anew(self, stop: int) -> None:
         """Forget all before a stamp."""
         self.imu.clear()
+        self._spikes = SpikeFilter()
         time = self.seconds(stop)
         self._waiting = deque(frame for frame in self._waiting if self.frame_time(frame) >= time)
 

@@ -227,9 +227,9 @@ class Odometry(Output):
         return time - self.window.newest.time >= self.config.window.knot_interval - _EARLY
 
     def _is_blind(self, window: Window, time: float) -> bool:
-        """Whether the IMU's prediction crosses a hole that no line has bridged yet."""
+        """Whether the IMU's prediction crosses a doubt that no line has bridged yet."""
         guessed = bool(window.intervals) and not window.intervals[-1].is_known
-        return guessed or bool(self._imu.holes(window.newest.time, time))
+        return guessed or bool(self._imu.doubts(window.newest.time, time))
 
     def _turn(self, start: float, stop: float) -> FloatArray:
         """cam_R_before between two frames, from the gyroscope alone."""
@@ -262,7 +262,7 @@ class Odometry(Output):
         if self._is_still(seen.time):
             used = [seen]
             result = start_at_rest(self._imu, seen.stamp, seen.time - _REST, seen.time, self.config)
-        elif self._imu.holes(seen.time - length, seen.time):
+        elif self._imu.doubts(seen.time - length, seen.time):
             return False
         elif seen.time - self._frames[0].time >= length - _EARLY:
             used = [f for f in self._frames if f.time >= seen.time - length - _EARLY]
@@ -393,7 +393,8 @@ class Odometry(Output):
         if lines >= _FEWEST_LINES:
             self._last_lines = seen.time
         status = self._status
-        if self._trust.disagree or self._is_blind(window, seen.time):
+        unsure = self._imu.is_unsure(seen.time)
+        if unsure or self._trust.disagree or self._is_blind(window, seen.time):
             status = "doubtful"
         elif status == "tracking":
             missing = seen.time - self._last_lines > _LINES_MISSING
@@ -420,7 +421,7 @@ class Odometry(Output):
     def _hand_out(self, window: Window, interval: Interval) -> None:
         """The smoothed estimates of an interval's frames, and of the window's first frame."""
         knot = interval.knot
-        stamps, poses = interval.stamps, interval.poses()
+        stamps, poses = interval.stamps[interval.again :], interval.poses()[interval.again :]
         if knot.index == 0:
             stamps, poses = [window.first_stamp, *stamps], [knot.state.pose(), *poses]
         for stamp, pose in zip(stamps, poses, strict=True):

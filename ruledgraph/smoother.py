@@ -78,7 +78,7 @@ class FixedLagSmoother:
         Raises:
             SmootherError: when the careful way fails, too. What is known is lost then.
         """
-        known = self._smoother.getFactors(), self._smoother.getLinearizationPoint()
+        known = self._smoother.getFactors(), self.linearization_point()
         self._times = {key: self._times[key] for key in known[1].keys()} | dict(times)  # noqa: SIM118
         was_careful = self.careful
         self._careful_for = max(0, self._careful_for - 1)
@@ -136,7 +136,10 @@ class FixedLagSmoother:
 
     def linearization_point(self) -> gtsam.Values:
         """Where each variable's factors are linearised."""
-        return self._smoother.getLinearizationPoint()
+        smoother = self._smoother
+        # The pre-release of GTSAM 4.3 has it in iSAM2 alone, of which this makes a copy.
+        has_it = hasattr(smoother, "getLinearizationPoint")
+        return (smoother if has_it else smoother.getISAM2()).getLinearizationPoint()
 
     def covariance(self, key: int) -> FloatArray | None:
         """Marginal covariance of a variable, None when it cannot be computed."""

@@ -51,6 +51,7 @@ class Messages(list[str]):
         super().__init__()
         self.left_off = 0
         self._once: set[str] = set()
+        self._counts: dict[str, tuple[int, int, str]] = {}
 
     def append(self, message: str) -> None:
         """Keep a message, or count it."""
@@ -64,3 +65,13 @@ class Messages(list[str]):
         if kind not in self._once:
             self._once.add(kind)
             self.append(message)
+
+    def counted(self, kind: str, message: str) -> None:
+        """Append the first message of a kind, and how often it came when it comes again."""
+        if kind not in self._counts:
+            self._counts[kind] = len(self), 0, message
+            self.append(message)
+        place, count, first = self._counts[kind]
+        self._counts[kind] = place, count + 1, first
+        if count and place < len(self):
+            self[place] = f"{first} ({count + 1} times)"

@@ -14,7 +14,7 @@ from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, L, V, X
 
 from ruledgraph.config import Config
-from ruledgraph.inertial import ImuBuffer, noise_across
+from ruledgraph.inertial import ImuBuffer, params_across
 from ruledgraph.lines import GraphLine
 from ruledgraph.sensors import Calibration, FloatArray
 from ruledgraph.smoother import FixedLagSmoother, SmootherError
@@ -83,14 +83,16 @@ class Interval:
     motion: FrameMotion
     imu_factors: list[gtsam.NonlinearFactor]
     known: int
-    """How many of its frames come before a hole of the IMU: the others' poses are guesses."""
+    """How many of its frames come before a doubt of the IMU: the others' poses are guesses."""
+    again: int = 0
+    """1 when the knot's own frame is the first: the interval before could not place it."""
     link: OffsetLink | None = None
     """The time offset of its frames, when that is estimated."""
     observations: list["Observation"] = field(default_factory=list)
 
     @property
     def is_known(self) -> bool:
-        """Whether there is no hole in it."""
+        """Whether there is no doubt in it."""
         return self.known == len(self.stamps)
 
     @property
@@ -244,13 +246,17 @@ class Window:
         """
         knot = self.newest
         k = knot.index
+        unplaced = bool(self.intervals) and not self.intervals[-1].is_known
+        again = int(unplaced and not imu.is_lost(knot.time))
+        if again:
+            stamps, times = [self.intervals[-1].stamps[-1], *stamps], [knot.time, *times]
         samples = imu.between(knot.time, times[-1])
         params, known = self._imu_params, len(times)
-        holes = imu.holes(knot.time, times[-1])
-        if holes:
-            noise = noise_across(self._imu_noise, holes, knot.time, times[-1])
-            params = noise.preintegration_params()
-            known = sum(time <= holes[0].start for time in times)
+        doubts = imu.doubts(knot.time, times[-1])
+        if doubts:
+            params = params_across(self._imu_noise, doubts, knot.time, times[-1])
+            first = min(doubt.start for doubt in doubts)
+            known = max(again, sum(time <= first for time in times))
         preintegrated = gtsam.PreintegratedCombinedMeasurements(params, knot.bias)
         for segment in samples.segments(knot.time, times[-1], at=times, bias=knot.bias):
             preintegrated.integrateMeasurement(*segment)
@@ -259,26 +265,34 @@ class Window:
         imu_factors: list[gtsam.NonlinearFactor] = [
             gtsam.CombinedImuFactor(X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1), preintegrated)
         ]
-        rested = [knot.index for knot in self.knots if knot.time <= new.time - _MID_REST]
-        if still and rested:
-            no_motion = noiseModel.Isotropic.Sigma(3, _STILL_VELOCITY)
-            imu_factors.append(gtsam.PriorFactorVector(V(rested[-1]), np.zeros(3), no_motion))
-        for factor in imu_factors:
-            self._new_factors.add(factor)
+        self._new_factors.add(imu_factors[0])
         link = self._new_link(knot, correction)
         # At rest the noise of the gyroscope would feign knowledge of the offset.
         timed = link is not None and not still
         motion = preintegrate_frames(samples, knot.time, times, knot.bias, with_time=timed)
-        interval = Interval(knot, list(stamps), motion, imu_factors, known, link)
+        interval = Interval(knot, list(stamps), motion, imu_factors, known, again, link)
         self.intervals.append(interval)
         self.knots.append(new)
         self._insert(new)
+        if still:
+            self._hold_still()
         for track in tracks:
             line = self.lines.get(track.number)
             if line is not None:
                 self._observe(interval, line)
             elif self._is_ripe(track, new.time):
                 self._enter(track)
+
+    def _hold_still(self) -> None:
+        """No velocity at the middle of a rest that goes on until the newest knot."""
+        middle = self.newest.time - _MID_REST
+        rested = [interval for interval in self.intervals if interval.knot.time <= middle]
+        if rested:
+            velocity = V(rested[-1].knot.index)
+            no_motion = noiseModel.Isotropic.Sigma(3, _STILL_VELOCITY)
+            factor = gtsam.PriorFactorVector(velocity, np.zeros(3), no_motion)
+            rested[-1].imu_factors.append(factor)
+            self._new_factors.add(factor)
 
     def _new_link(self, knot: Knot, correction: float) -> OffsetLink | None:
         """The time offset of the frames after a knot, tied to that of the interval before."""

@@ -49,6 +49,16 @@ REAL_SLICE = Path("euroc_MH_01_30s", "MH_01_30s")
 """The real recording in the folder of data, without the suffix of its files."""
 REAL_MOVING = 16.0
 """It moves so long, s, and then stands still."""
+NEES_PARTS = {
+    "pose": ("pose", slice(0, 6)),
+    "velocity": ("velocity", slice(0, 3)),
+    "bias": ("bias", slice(0, 6)),
+    "orientation": ("pose", slice(0, 3)),
+    "position": ("pose", slice(3, 6)),
+    "accelerometer bias": ("bias", slice(0, 3)),
+    "gyroscope bias": ("bias", slice(3, 6)),
+}
+"""Parts of the state: of which covariance, and where in it."""
 # A line counts as matched to a true one when it runs along it this closely (m, cosine), and as
 # observable when its ends' deviation is below this, m.
 _LINE_MATCH, _LINE_PARALLEL, _LINE_OBSERVABLE = 0.3, 0.999, 0.05
@@ -148,9 +158,8 @@ def run(case: Case) -> dict[str, Any]:
         row |= {name: 1e3 * found.ate_rmse, f"{name} max": 1e3 * found.ate_max}
         row["path"] = found.path_length
     if simulation is not None:
-        row |= _nees(live, smoothed[0], simulation) | _line_errors(
-            lines, smoothed, truth, simulation
-        )
+        row |= _mean_nees(live, smoothed[0], simulation)
+        row |= _line_errors(lines, smoothed, truth, simulation)
     return row
 
 
@@ -179,11 +188,11 @@ def _trajectory(estimates: Sequence[Estimate]) -> Trajectory:
     return Trajectory.from_poses([e.stamp for e in estimates], [e.world_T_body for e in estimates])
 
 
-def _nees(
+def nees(
     live: Sequence[Estimate], beginning: Estimate, simulation: Simulation
-) -> dict[str, float]:
-    """Mean over the live knots of e^T S^-1 e for each degree of freedom; place and heading of the
-    world are fixed where the window began, which the covariances count from.
+) -> dict[str, FloatArray]:
+    """e^T S^-1 e for each degree of freedom, of the live knots' states and parts of them; place and
+    heading of the world are fixed where the window began, which the covariances count from.
     """
     knots = [e for e in live if e.at_knot]
     true = simulation.truth(np.array([beginning.stamp, *(e.stamp for e in knots)]))
@@ -194,17 +203,26 @@ def _nees(
     yaw = heading(true.rotation[:1], first.rotation().matrix()[None])
     shift = poses[0].translation() - yaw.rotate(first.translation())
     true_T_world = gtsam.Pose3(yaw, shift)
-    nees: dict[str, list[float]] = {"pose": [], "velocity": [], "bias": []}
+    found: dict[str, list[float]] = {name: [] for name in NEES_PARTS}
     for i, knot in enumerate(knots, start=1):
-        pose, velocity, bias = knot.covariances
-        errors = (
-            gtsam.Pose3.Logmap(true_T_world.compose(knot.world_T_body).between(poses[i])),
-            yaw.rotate(knot.velocity) - true.velocity[i],
-            knot.bias.vector() - true.bias[i],
-        )
-        for name, e, S in zip(nees, errors, (pose, velocity, bias), strict=True):
-            nees[name].append(float(e @ np.linalg.solve(S, e)) / len(e))
-    return {f"nees {name}": float(np.mean(values)) for name, values in nees.items()}
+        error = true_T_world.compose(knot.world_T_body).between(poses[i])
+        states = {
+            "pose": gtsam.Pose3.Logmap(error),
+            "velocity": yaw.rotate(knot.velocity) - true.velocity[i],
+            "bias": knot.bias.vector() - true.bias[i],
+        }
+        covariances = dict(zip(states, knot.covariances, strict=True))
+        for name, (state, part) in NEES_PARTS.items():
+            e, S = states[state][part], covariances[state][part, part]
+            found[name].append(float(e @ np.linalg.solve(S, e)) / len(e))
+    return {name: np.array(values) for name, values in found.items()}
+
+
+def _mean_nees(
+    live: Sequence[Estimate], beginning: Estimate, simulation: Simulation
+) -> dict[str, float]:
+    found = nees(live, beginning, simulation)
+    return {f"nees {name}": float(found[name].mean()) for name in ("pose", "velocity", "bias")}
 
 
 def _line_errors(

@@ -40,10 +40,6 @@ def line_distance_prior(
     """
     instance("chart", chart, LineChart)
     key = graph_key("line_key", line_key)
-    if noise_model.dim() != 1:
-        raise FactorError(
-            f"noise_model has dimension {noise_model.dim()}, but this factor has 1 row"
-        )
     log_distance = math.log(positive_number("distance", distance))
     angle = chart.angle
 
@@ -58,4 +54,7 @@ def line_distance_prior(
             H[0] = np.array([[slope, 0.0, 0.0, 0.0]], order="F")
         return np.array([math.log(math.tan(inside)) + log_distance + slope * (phi - inside)])
 
-    return gtsam.CustomFactor(noise_model, [key], error)
+    factor = gtsam.CustomFactor(noise_model, [key], error)
+    if factor.dim() != 1:
+        raise FactorError(f"noise_model has dimension {factor.dim()}, but this factor has 1 row")
+    return factor

@@ -46,10 +46,9 @@ def same_line_factor(
     instance("noise_model", noise_model, noiseModel.Diagonal)
     instance("chart", chart, LineChart)
     keys = [graph_key("line_key", line_key), graph_key("new_line_key", new_line_key)]
-    if noise_model.dim() != 4:
-        raise FactorError(
-            f"noise_model has dimension {noise_model.dim()}, but this factor has 4 rows"
-        )
+    rows = noise_model.sigmas().size  # the pre-release of GTSAM 4.3 has no dim()
+    if rows != 4:
+        raise FactorError(f"noise_model has dimension {rows}, but this factor has 4 rows")
     here = finite_array("delta", delta, (4,))
     new_chart, by_delta = chart.reanchor(here, world_T_anchor)
     linear = gtsam.JacobianFactor(keys[0], by_delta, keys[1], -np.eye(4), np.zeros(4), noise_model)

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from ruledgraph.inertial import ImuBuffer, noise_across
+from ruledgraph.inertial import ImuBuffer, params_across
 from ruledgraph.sensors import D435I_LIKE
 
 STEP = 0.005
@@ -25,16 +25,16 @@ def filled(skip=(), hang=()) -> ImuBuffer:
 
 def test_where_samples_are_missing_there_is_a_hole():
     imu = filled(skip=range(100, 140))
-    ((start, stop),) = imu.holes(0.0, 0.99)
+    ((start, stop, _),) = imu.doubts(0.0, 0.99)
     assert (start, stop) == pytest.approx((99 * STEP, 140 * STEP))
-    assert len(imu.holes(0.6, 0.65)) == 1
-    assert imu.holes(0.0, 0.495) == imu.holes(0.701, 0.9) == []
-    assert filled(skip=range(100, 105)).holes(0.0, 0.99) == []
+    assert len(imu.doubts(0.6, 0.65)) == 1
+    assert imu.doubts(0.0, 0.495) == imu.doubts(0.701, 0.9) == []
+    assert filled(skip=range(100, 105)).doubts(0.0, 0.99) == []
 
 
 def test_a_hanging_imu_is_silent():
     imu = filled(hang=range(100, 140))
-    ((start, stop),) = imu.holes(0.0, 0.99)
+    ((start, stop, _),) = imu.doubts(0.0, 0.99)
     assert (start, stop) == pytest.approx((99 * STEP, 140 * STEP))
 
 
@@ -51,19 +51,67 @@ def test_some_equal_readings_are_samples():
 
 
 def test_noise_across_holes():
-    assert noise_across(D435I_LIKE, [], 0.0, 0.1) == D435I_LIKE
+    clean = params_across(D435I_LIKE, [], 0.0, 0.1)
+    assert clean.equals(D435I_LIKE.preintegration_params(), 0.0)
     densities = []
     for length in (0.06, 0.1, 0.3, 0.5):
         imu = filled(skip=range(40, 40 + round(length / STEP)))
-        (hole,) = imu.holes(0.0, 0.99)
-        noise = noise_across(D435I_LIKE, [hole], *hole)
-        densities.append(noise.gyroscope)
-        assert noise.gyroscope_walk == D435I_LIKE.gyroscope_walk
+        (hole,) = imu.doubts(0.0, 0.99)
+        density = rate_density(hole, hole.start, hole.stop)
+        densities.append(density)
         # Half of it has what belongs to half of it.
-        part = noise_across(D435I_LIKE, [hole], hole.start, 0.5 * sum(hole))
-        assert part.gyroscope == pytest.approx(noise.gyroscope)
-        outside = noise_across(D435I_LIKE, [hole], hole.start - 0.1, hole.stop)
-        assert outside.gyroscope < noise.gyroscope
+        middle = 0.5 * (hole.start + hole.stop)
+        assert rate_density(hole, hole.start, middle) == pytest.approx(density)
+        assert rate_density(hole, hole.start - 0.1, hole.stop) < density
     assert densities == sorted(densities)
     # After half a second of silence the attitude is open by half of that, in rad, at 0.5 rad/s.
     assert densities[-1] * np.sqrt(0.5) == pytest.approx(0.25, rel=0.05)
+
+
+def rate_density(doubt, start: float, stop: float) -> float:
+    """Of the gyroscope, rad/s/sqrt(Hz), the same in all directions."""
+    params = params_across(D435I_LIKE, [doubt], start, stop)
+    covariance = params.getGyroscopeCovariance()
+    np.testing.assert_allclose(covariance, covariance[0, 0] * np.eye(3), atol=1e-15)
+    return float(np.sqrt(covariance[0, 0]))
+
+
+def clipped() -> ImuBuffer:
+    """Swinging about x at 1 Hz by 1 rad/s for 2 s at 200 Hz; the gyroscope ends at 0.8 rad/s."""
+    rng = np.random.default_rng(0)
+    imu = ImuBuffer()
+    for time in np.arange(0.0, 2.0, STEP).tolist():
+        rate = np.array([np.sin(2 * np.pi * time), 0.0, 0.0]) + 0.003 * rng.normal(size=3)
+        force = np.array([0.0, 0.0, 9.81]) + 0.02 * rng.normal(size=3)
+        imu.append(time, np.clip(rate, -0.8, 0.8), force)
+    return imu
+
+
+def test_clipped_readings_are_doubtful_in_their_axis():
+    imu = clipped()
+    upper, lower, *_ = doubts = imu.doubts(0.0, 2.0)
+    assert len(doubts) == 4
+    # A sine is above 0.8 from 53 to 127 degrees.
+    assert (upper.start, upper.stop) == pytest.approx((53 / 360, 127 / 360), abs=2 * STEP)
+    assert (lower.start, lower.stop) == pytest.approx((233 / 360, 307 / 360), abs=2 * STEP)
+    covariance = params_across(
+        D435I_LIKE, [upper], upper.start, upper.stop
+    ).getGyroscopeCovariance()
+    # Open by half of 0.8 rad/s all along.
+    length = upper.stop - upper.start
+    assert np.sqrt(covariance[0, 0] * length) == pytest.approx(0.4 * length, rel=0.01)
+    assert covariance[1, 1] == covariance[2, 2] == pytest.approx(D435I_LIKE.gyroscope**2)
+    imu.forget(1.0)
+    assert len(imu.doubts(0.0, 2.0)) == 2
+
+
+def test_how_long_estimates_are_unsure():
+    imu = clipped()
+    assert imu.is_unsure(0.2)
+    assert not imu.is_unsure(0.1)
+    assert not imu.is_lost(0.2)  # lines are still where the other axes say
+    for missing, unsure in ((15, False), (60, True)):
+        imu = filled(skip=range(40, 40 + missing))
+        assert imu.is_lost((40 + missing - 2) * STEP) == unsure
+        assert not imu.is_lost((40 + missing + 1) * STEP)
+        assert imu.is_unsure((40 + missing + 10) * STEP) == unsure

@@ -272,6 +272,35 @@ def test_a_hole_of_the_imu_is_got_over_and_shows_in_the_covariance(hangs):
     assert off_by_sigmas(live, small_simulation()).max() < 1.0
 
 
+def test_spikes_of_the_imu_are_replaced_and_counted():
+    stream, calibration = small_stream()
+    rng = np.random.default_rng(0)
+    spiked, count = [], 0
+    for i, m in enumerate(stream):
+        if isinstance(m, ImuSample) and i > 100 and rng.random() < 0.01:
+            rate, force = rng.normal(size=(2, 3)) * [[3.0], [30.0]]
+            m = ImuSample(m.stamp, m.gyroscope + rate, m.accelerometer + force)
+            count += 1
+        spiked.append(m)
+    odometry, live, _ = run(spiked, calibration)
+    (warning,) = odometry.warnings
+    assert "the IMU spikes at" in warning
+    assert f"({count} times)" in warning
+    assert ate(live, small_simulation()) < 0.02  # as without
+
+
+def test_a_saturated_imu_is_told_and_doubted():
+    stream, calibration = small_stream()
+    clipped = [
+        m._replace(gyroscope=np.clip(m.gyroscope, -0.2, 0.2)) if isinstance(m, ImuSample) else m
+        for m in stream
+    ]
+    odometry, live, _ = run(clipped, calibration)
+    assert any("the gyroscope's" in w and "ends at" in w for w in odometry.warnings)
+    assert sum(e.status == "doubtful" for e in live) > 0.2 * len(live)
+    assert ate(live, small_simulation()) < 0.1
+
+
 def test_a_camera_that_hangs_is_told_and_not_believed():
     stream, calibration = small_stream()
     stamps = [frame.stamp for frame in frames(stream)]

@@ -44,3 +44,12 @@ def test_some_are_said_once():
     for i in range(3):
         messages.once("late", f"a frame came late at {i} s")
     assert messages == ["a frame came late at 0 s"]
+
+
+def test_how_often_is_told_with_the_first():
+    messages = Messages()
+    messages.append("another")
+    for i in range(3):
+        messages.counted("spikes", f"a spike at {i} s")
+    messages.append("a third")
+    assert messages == ["another", "a spike at 0 s (3 times)", "a third"]

@@ -1,13 +1,16 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
 
+from itertools import pairwise
+
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import L
+from gtsam.symbol_shorthand import L, X
 
 from ideal_tracks import CALIBRATION, MANY, IdealTracks, error_of, ideal_tracks, sighting
 from ruledgraph.config import Config, load_config
+from ruledgraph.inertial import ImuBuffer
 from ruledgraph.smoother import FixedLagSmoother, SmootherError
 from ruledgraph.triangulate import View, triangulate
 from ruledgraph.window import Interval, Start, Window
@@ -70,6 +73,43 @@ def test_intervals_leave_after_the_lag_with_all_their_frames():
     for interval in left:
         for stamp, pose in zip(interval.stamps, interval.poses(), strict=True):
             assert error_of(pose, made.motion.pose(stamp * 1e-9)) < 0.01
+
+
+def clipped_run(seed: int) -> tuple[float, list[Interval]]:
+    """Error at the end, m, and all intervals, with a gyroscope too small for the motion."""
+    made = ideal_tracks(seed, hand_held(np.random.default_rng(seed)))
+    samples, made.imu = made.imu.between(0.0, made.times[-1]), ImuBuffer()
+    end = 0.7 * np.abs(samples.gyroscope).max(axis=0)
+    # It has been at all its ends before.
+    for time in np.arange(-1.0, -0.001, 0.005).tolist():
+        swing = 2.0 * end * np.sin(2 * np.pi * (time + np.arange(3) / 3.0))
+        made.imu.append(time, np.clip(swing, -end, end), np.array([time, 0.0, 9.81]))
+    for time, w, f in zip(samples.times, samples.gyroscope, samples.accelerometer, strict=True):
+        made.imu.append(time, np.clip(w, -end, end), f)
+    window, left = run_window(made)
+    error = error_of(window.newest.state.pose(), made.motion.pose(window.newest.time))
+    return error, [*left, *window.intervals]
+
+
+def test_knots_of_clipped_intervals_are_tied_by_their_own_frames(monkeypatch):
+    errors, without = [], []
+    for seed in range(4):
+        error, intervals = clipped_run(seed)
+        errors.append(error)
+        for before, after in pairwise(intervals):
+            assert after.again == (not before.is_known)
+            assert (after.stamps[0] == before.stamps[-1]) == bool(after.again)
+            for line, factor in after.line_factors:
+                index, _ = after.seen(line.track)
+                assert index
+                assert max(index) < after.known
+                assert factor.keys()[0] == X(after.knot.index)
+        assert sum(interval.again for interval in intervals) > 3
+        with monkeypatch.context() as patch:
+            patch.setattr(ImuBuffer, "is_lost", lambda *_: True)
+            without.append(clipped_run(seed)[0])
+    assert np.median(errors) < 0.03  # three times what is allowed of one that is not clipped
+    assert np.median(errors) < 0.5 * np.median(without)
 
 
 def test_a_failing_smoother_is_rebuilt_and_the_run_goes_on(monkeypatch):
