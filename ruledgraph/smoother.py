@@ -78,7 +78,9 @@ class FixedLagSmoother:
         Raises:
             SmootherError: when the careful way fails, too. What is known is lost then.
         """
-        known = self._smoother.getFactors(), self.linearization_point()
+        # Copies: what GTSAM hands out changes with the smoother, also in an update that fails.
+        factors_before = gtsam.NonlinearFactorGraph(self._smoother.getFactors())
+        known = factors_before, gtsam.Values(self.linearization_point())
         self._times = {key: self._times[key] for key in known[1].keys()} | dict(times)  # noqa: SIM118
         was_careful = self.careful
         self._careful_for = max(0, self._careful_for - 1)

@@ -99,7 +99,7 @@ def test_knots_of_clipped_intervals_are_tied_by_their_own_frames(monkeypatch):
         for before, after in pairwise(intervals):
             assert after.again == (not before.is_known)
             assert (after.stamps[0] == before.stamps[-1]) == bool(after.again)
-            for line, factor in after.line_factors:
+            for line, factor, *_ in after.observations:
                 index, _ = after.seen(line.track)
                 assert index
                 assert max(index) < after.known
@@ -256,7 +256,7 @@ def test_lines_that_rested_find_their_depth_when_the_camera_moves(seed):
         for end in MANY[line.track.number - 1]
     ]
     # A line that the camera moved along is known least.
-    assert np.median(off) < 0.02
+    assert np.median(off) < 0.04
     assert max(off) < 0.15
 
 
@@ -270,9 +270,10 @@ def test_an_indeterminate_system_is_solved_by_careful_steps_and_nothing_is_lost(
 
     def fails_once(self, factors, values, times, check):
         calls.append(self.careful)
-        if len(calls) == 10:
+        solved = solve(self, factors, values, times, check)
+        if len(calls) == 10:  # half way: it has taken in what is new
             raise SmootherError("Indeterminate linear system detected")
-        return solve(self, factors, values, times, check)
+        return solved
 
     monkeypatch.setattr(FixedLagSmoother, "_solve", fails_once)
     monkeypatch.setattr("ruledgraph.smoother._CAREFUL_UPDATES", 3)
