@@ -92,7 +92,7 @@ class StartConfig:
 class TimeOffsetConfig:
     """The time offset between camera and IMU."""
 
-    estimate: bool = True
+    estimate: bool = False
     """Whether it is estimated while running; otherwise the calibration's stands."""
     sigma: float = 0.01
     """Standard deviation of the calibration's, s."""

@@ -30,8 +30,8 @@ from ruledgraph.window import Interval, Window
 _REST, _BETWEEN_ATTEMPTS = 0.4, 0.25
 # Frames and knots at these intervals (s) are on time when they come this much early.
 _EARLY = 0.004
-# New lines are looked for this often, s; where there were none, less and less often.
-_DETECT_INTERVAL, _LONGEST_DETECT_INTERVAL = 0.1, 0.4
+# New lines are looked for this often at most, s.
+_DETECT_INTERVAL = 0.1
 # With fewer lines of the graph in view for so long (s), the IMU alone carries the estimate.
 _FEWEST_LINES, _LINES_MISSING = 2, 0.3
 # Measurements are kept this much longer than the window, s.
@@ -69,7 +69,6 @@ class Odometry(Output):
         self._imu = self._intake.imu
         self._frames: deque[_Seen] = deque()
         self._last_attempt = self._last_detection = self._last_lines = -np.inf
-        self._detect_interval = _DETECT_INTERVAL
         self._state = gtsam.NavState()
         self._status: Status = "tracking"
         self._last_status: Status = "tracking"
@@ -157,7 +156,7 @@ class Odometry(Output):
         due = self._is_knot_due(seen.time)
         segments = None
         # At a knot it costs no time: the smoother works meanwhile.
-        wanted = seen.time - self._last_detection >= self._detect_interval - _EARLY
+        wanted = seen.time - self._last_detection >= _DETECT_INTERVAL - _EARLY
         if wanted and (due or self.window is None):
             self._last_detection = seen.time
             segments = self._worker.submit(self._detect, frame.image)
@@ -184,9 +183,7 @@ class Odometry(Output):
         if segments is not None:
             with self._timed("detection"):
                 self.tracker.drop_twins()
-                started = self.tracker.start_new(seen.stamp, seen.time, segments.result(), gradient)
-                longer = min(2.0 * self._detect_interval, _LONGEST_DETECT_INTERVAL)
-                self._detect_interval = _DETECT_INTERVAL if started else longer
+                self.tracker.start_new(seen.stamp, seen.time, segments.result(), gradient)
         self._forget(seen.time)
 
     def _follow(self, seen: _Seen, gradient: Gradient) -> int:

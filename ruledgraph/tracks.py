@@ -205,11 +205,11 @@ class Tracker:
         few = len(moved) < _FEWEST_MOVING
         return np.inf if few else float(np.median(moved)) * self._camera.focal_length
 
-    def start_new(self, stamp: int, time: float, segments: FloatArray, gradient: Gradient) -> int:
-        """Start tracks on segments (N, 2, 2), in px, until there are enough; returns how many."""
-        room = wanted = self._config.max_lines - len(self.tracks)
+    def start_new(self, stamp: int, time: float, segments: FloatArray, gradient: Gradient) -> None:
+        """Start tracks on segments (N, 2, 2), in px, until there are enough."""
+        wanted = self._config.max_lines - len(self.tracks)
         if wanted <= 0:
-            return 0
+            return
         candidates = self._candidates(segments, gradient)
         found = search_all(gradient, self._camera, candidates)
         for ruling, edge in zip(candidates, found, strict=True):
@@ -226,7 +226,6 @@ class Tracker:
             wanted -= 1
             if wanted == 0:
                 break
-        return room - wanted
 
     def _candidates(self, segments: FloatArray, gradient: Gradient) -> list[Ruling]:
         """Segments that are long enough and not followed yet, those worth most first."""

@@ -13,9 +13,6 @@ from ruledgraph.sensors import FloatArray
 
 Detector = Callable[[NDArray[np.uint8]], FloatArray]
 
-# LSD on the image in half size takes 40 % of the time of its default of 0.8 and finds as many long
-# segments. How exact they are does not matter: the search along them that follows is.
-_LSD_SCALE = 0.5
 # The paper's Hough transform: rho 5 px, theta 1 degree, threshold 100, minimum length 100 px,
 # largest gap 5 px; the strongest line's points are removed and the transform repeated.
 _HOUGH_ROUNDS = 20
@@ -24,7 +21,7 @@ _HOUGH_REMOVE = 5
 
 def detect_lsd(image: NDArray[np.uint8]) -> FloatArray:
     """Segments by OpenCV's line segment detector (von Gioi et al. 2010), ends in px, (N, 2, 2)."""
-    found = cv2.createLineSegmentDetector(scale=_LSD_SCALE).detect(image)[0]
+    found = cv2.createLineSegmentDetector().detect(image)[0]
     return np.zeros((0, 2, 2)) if found is None else np.asarray(found, float).reshape(-1, 2, 2)
 
 
