@@ -49,8 +49,8 @@ class Drift:
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
     ) -> Covariances:
         """Covariances of a state with this in them."""
-        if self.heading == 0.0:
-            return covariances  # of the first segment
+        if self.heading == 0.0 and not self.place.any():
+            return covariances  # nothing is open in the first segment
         of_pose, of_velocity, of_bias = covariances
         R = pose.rotation().matrix()
         arm = np.cross(_UP, pose.translation() - self.about)
