@@ -11,10 +11,10 @@ from gtsam import noiseModel
 
 from ruledgraph.config import Config
 from ruledgraph.inertial import ImuBuffer
+from ruledgraph.knots import Start
 from ruledgraph.sensors import Calibration, FloatArray
 from ruledgraph.time_offset import TimeOffset
 from ruledgraph.tracks import Sighting, Track, compressed_points
-from ruledgraph.window import Start
 from ruledgraph_factors import (
     NEW_LINE_SIGMAS,
     STANDARD_GRAVITY,

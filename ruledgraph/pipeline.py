@@ -16,6 +16,7 @@ from ruledgraph.edges.gradient import Gradient
 from ruledgraph.estimates import Estimate, Output, Status
 from ruledgraph.initialize import Refusal, is_still, start_at_rest, start_in_motion
 from ruledgraph.intake import Intake
+from ruledgraph.knots import Interval
 from ruledgraph.lines import GraphLine
 from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
 from ruledgraph.monitor import Trust
@@ -24,7 +25,7 @@ from ruledgraph.segments import Drift, Ended, Trial, continued
 from ruledgraph.sensors import Calibration, FloatArray
 from ruledgraph.time_offset import RETRY, TimeOffset, concern, followed
 from ruledgraph.tracks import Tracker
-from ruledgraph.window import Interval, Window
+from ruledgraph.window import Window
 
 # How long rest must last, s, and how often a start is tried.
 _REST, _BETWEEN_ATTEMPTS = 0.4, 0.25

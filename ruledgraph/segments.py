@@ -8,8 +8,9 @@ from typing import NamedTuple, TypeAlias
 import gtsam
 import numpy as np
 
+from ruledgraph.knots import Start
 from ruledgraph.sensors import FloatArray
-from ruledgraph.window import Start, Window
+from ruledgraph.window import Window
 
 Covariances: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 """Of pose (6, 6), velocity (3, 3) and bias (6, 6)."""

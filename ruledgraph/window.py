@@ -5,8 +5,6 @@
 import math
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -15,19 +13,24 @@ from gtsam.symbol_shorthand import B, L, V, X
 
 from ruledgraph.config import Config
 from ruledgraph.inertial import ImuBuffer, params_across
+from ruledgraph.knots import (
+    NEW_LINE,
+    Interval,
+    Knot,
+    Observation,
+    Start,
+    add_priors,
+    insert_state,
+    line_priors,
+)
 from ruledgraph.lines import GraphLine
-from ruledgraph.sensors import Calibration, FloatArray
+from ruledgraph.sensors import Calibration
 from ruledgraph.smoother import FixedLagSmoother, SmootherError
-from ruledgraph.time_offset import OffsetLink, TimeOffset
+from ruledgraph.time_offset import OffsetLink
 from ruledgraph.tracks import Sighting, Track, compressed_points
 from ruledgraph.triangulate import View, factor_state, triangulate
 from ruledgraph_factors import (
-    CompressedPoints,
     FactorError,
-    FrameMotion,
-    LineChart,
-    RuledSurfaceFactor,
-    line_distance_prior,
     preintegrate_frames,
     ruled_surface_factor,
     ruled_surface_factor_with_time_offset,
@@ -47,11 +50,6 @@ _JUMP, _VELOCITY_JUMP = 1.0, 3.0
 _STILL_VELOCITY, _MID_REST = 0.005, 0.2
 # Beyond these the estimate has run away: m/s, and biases in rad/s and m/s^2.
 _FASTEST, _WORST_GYROSCOPE, _WORST_ACCELEROMETER = 50.0, 0.5, 3.0
-# Prior deviations of a new line's chart. Its plane was seen, and the window is too short to drift
-# by more; left free like `NEW_LINE_SIGMAS`, one bad step carries an outlier where no point pulls.
-_NEW_LINE = np.array([1.0, 1.0, 0.05, 0.05])
-# How far away a line is, m, and by what factor that may be wrong.
-_DISTANCE, _DISTANCE_FACTOR = 3.0, 4.0
 # A line this far (rad) from where its factors are linearised gets a new variable, tied to the old
 # one this closely.
 _MOVED, _SAME_LINE = 0.05, 1e-4
@@ -59,99 +57,6 @@ _MOVED, _SAME_LINE = 0.05, 1e-4
 _COVARIANCES = 4
 # Where a window is rebuilt its first state is trusted this much less than it said.
 _REBUILD_INFLATION = 2.0
-
-
-@dataclass(eq=False)
-class Knot:
-    """A state of the graph."""
-
-    index: int
-    time: float
-    state: gtsam.NavState
-    bias: gtsam.imuBias.ConstantBias
-    covariances: tuple[FloatArray, FloatArray, FloatArray]
-    """Of pose (6, 6), velocity (3, 3) and bias (6, 6), when it was new."""
-
-
-@dataclass(eq=False)
-class Interval:
-    """The frames after a knot, up to and including the next knot's."""
-
-    knot: Knot
-    stamps: list[int]
-    """Of its frames, ns."""
-    motion: FrameMotion
-    imu_factors: list[gtsam.NonlinearFactor]
-    known: int
-    """How many of its frames come before a doubt of the IMU: the others' poses are guesses."""
-    again: int = 0
-    """1 when the knot's own frame is the first: the interval before could not place it."""
-    link: OffsetLink | None = None
-    """The time offset of its frames, when that is estimated."""
-    observations: list["Observation"] = field(default_factory=list)
-
-    @property
-    def is_known(self) -> bool:
-        """Whether there is no doubt in it."""
-        return self.known == len(self.stamps)
-
-    @property
-    def time_shift(self) -> float:
-        """How much later than `motion` says its frames were taken, s."""
-        return 0.0 if self.link is None else self.link.shift
-
-    def poses(self) -> list[gtsam.Pose3]:
-        """world_T_body of its frames."""
-        return self.motion.poses(self.knot.state, self.knot.bias, time_shift=self.time_shift)
-
-    def seen(self, track: Track) -> tuple[list[int], list[Sighting]]:
-        """In which of its known frames a track was seen, and what there."""
-        hits: list[Sighting] = []
-        for sighting in reversed(track.sightings):
-            if sighting.stamp < self.stamps[0]:
-                break
-            hits.append(sighting)
-        places = {stamp: i for i, stamp in enumerate(self.stamps[: self.known])}
-        hits = [sighting for sighting in reversed(hits) if sighting.stamp in places]
-        return [places[sighting.stamp] for sighting in hits], hits
-
-
-class Observation(NamedTuple):
-    """A line in an interval."""
-
-    line: GraphLine
-    factor: RuledSurfaceFactor
-    points: CompressedPoints
-    last: tuple[int, FloatArray]
-    """The last frame that saw it, by its place in the interval, and the points there."""
-
-
-@dataclass(frozen=True, eq=False)
-class Start:
-    """Where a window begins."""
-
-    stamp: int
-    """Of its frame, ns."""
-    time: float
-    state: gtsam.NavState
-    bias: gtsam.imuBias.ConstantBias
-    pose_covariance: FloatArray
-    velocity_sigma: float
-    bias_sigmas: FloatArray
-    lines: dict[int, tuple[LineChart, FloatArray]]
-    """Of tracks by number: what is known of them already."""
-    time_offset: TimeOffset | None = None
-    """Beyond the frames' times; None: not to be estimated."""
-
-    def moved(self, by: gtsam.Pose3) -> "Start":
-        """The same start in another world: turned about the vertical and shifted, `by` a pose."""
-        pose = by.compose(self.state.pose())
-        velocity = by.rotation().rotate(self.state.velocity())
-        lines = {
-            number: (LineChart(by.compose(chart.world_T_anchor), chart.basis, chart.angle), delta)
-            for number, (chart, delta) in self.lines.items()
-        }
-        return replace(self, state=gtsam.NavState(pose, velocity), lines=lines)
 
 
 class Window:
@@ -194,7 +99,7 @@ class Window:
         self._known_lines = dict(start.lines)
         self._lines_so_far = 0
         self._clear_news()
-        _add_priors(self._new_factors, first)
+        add_priors(self._new_factors, first)
         self._insert(first)
 
     def _fresh_smoother(self, careful: bool = False) -> FixedLagSmoother:
@@ -206,7 +111,7 @@ class Window:
         self._new_times: dict[int, float] = {}
 
     def _insert(self, knot: Knot) -> None:
-        _insert_state(self._new_values, knot)
+        insert_state(self._new_values, knot)
         self._new_times |= {key(knot.index): knot.time for key in (X, V, B)}
 
     @property
@@ -366,7 +271,7 @@ class Window:
             chart=chart,
             delta=delta,
             linearized=delta,
-            covariance=np.diag(_NEW_LINE**2) * 0.1,
+            covariance=np.diag(NEW_LINE**2) * 0.1,
             first_stamp=seen[0][0].stamps[seen[0][1][0]],
             last_stamp=0,
             last_time=self.newest.time,
@@ -374,7 +279,7 @@ class Window:
         self._lines_so_far += 1
         self.lines[track.number] = line
         self._new_values.insert(line.key, delta)
-        for prior in _line_priors(line):
+        for prior in line_priors(line):
             self._new_factors.add(prior)
         for interval, _, _ in seen:
             self._observe(interval, line)
@@ -390,7 +295,7 @@ class Window:
         # leaves out what is of second order, in the plane's as products with the direction's.
         turns = np.sqrt(np.diag(line.covariance)[1:])
         left_out = np.concatenate([[0.0], turns[0] * turns])
-        noise = noiseModel.Diagonal.Sigmas(np.minimum(_SAME_LINE + left_out, _NEW_LINE))
+        noise = noiseModel.Diagonal.Sigmas(np.minimum(_SAME_LINE + left_out, NEW_LINE))
         anchor = line.chart.world_T_anchor
         try:
             factor, chart = same_line_factor(noise, old_key, key, line.chart, line.delta, anchor)
@@ -532,9 +437,9 @@ class Window:
     def _everything(self) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[int, float]]:
         factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         times: dict[int, float] = {}
-        _add_priors(factors, self.knots[0], _REBUILD_INFLATION)
+        add_priors(factors, self.knots[0], _REBUILD_INFLATION)
         for knot in self.knots:
-            _insert_state(values, knot)
+            insert_state(values, knot)
             times |= {key(knot.index): knot.time for key in (X, V, B)}
         links = [interval.link for interval in self.intervals if interval.link is not None]
         for i, link in enumerate(links):
@@ -555,31 +460,7 @@ class Window:
         for key, line in used.items():
             values.insert(key, line.delta)
             times[key] = line.last_time
-            for prior in _line_priors(line):
+            for prior in line_priors(line):
                 factors.add(prior)
         self.lines = {n: line for n, line in self.lines.items() if line.key in used}
         return factors, values, times
-
-
-def _insert_state(values: gtsam.Values, knot: Knot) -> None:
-    values.insert(X(knot.index), knot.state.pose())
-    values.insert(V(knot.index), knot.state.velocity())
-    values.insert(B(knot.index), knot.bias)
-
-
-def _add_priors(factors: gtsam.NonlinearFactorGraph, knot: Knot, inflation: float = 1.0) -> None:
-    pose, velocity, bias = (
-        noiseModel.Gaussian.Covariance(c * inflation**2) for c in knot.covariances
-    )
-    factors.addPriorPose3(X(knot.index), knot.state.pose(), pose)
-    factors.addPriorVector(V(knot.index), knot.state.velocity(), velocity)
-    factors.addPriorConstantBias(B(knot.index), knot.bias, bias)
-
-
-def _line_priors(line: GraphLine) -> tuple[gtsam.NonlinearFactor, ...]:
-    chart_noise = noiseModel.Diagonal.Sigmas(_NEW_LINE)
-    distance_noise = noiseModel.Isotropic.Sigma(1, math.log(_DISTANCE_FACTOR))
-    return (
-        gtsam.PriorFactorVector(line.key, np.zeros(4), chart_noise),
-        line_distance_prior(distance_noise, line.key, line.chart, _DISTANCE),
-    )

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Checks on what callers pass in; every message names the argument at fault."""
 
+import math
 import operator
 from typing import Any, TypeAlias
 
@@ -54,6 +55,8 @@ def image_points(name: str, value: ArrayLike) -> FloatArray:
 
 def number(name: str, value: float) -> float:
     """`value` as a finite float."""
+    if isinstance(value, float) and math.isfinite(value):
+        return value
     return float(finite_array(name, value, ()))
 
 

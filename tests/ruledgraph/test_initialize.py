@@ -8,7 +8,7 @@ import pytest
 from ideal_tracks import CALIBRATION, at_rest, ideal_tracks, sighting
 from ruledgraph.config import Config
 from ruledgraph.initialize import Refusal, is_still, start_at_rest, start_in_motion
-from ruledgraph.window import Start
+from ruledgraph.knots import Start
 from simulated_window import SEGMENTS, hand_held
 
 

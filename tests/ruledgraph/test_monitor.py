@@ -8,10 +8,11 @@ import pytest
 from ideal_tracks import CALIBRATION, MANY, ideal_tracks
 from ruledgraph.config import Config
 from ruledgraph.inertial import ImuBuffer
+from ruledgraph.knots import Start
 from ruledgraph.monitor import Trust, imu_errors
 from ruledgraph.segments import Drift
 from ruledgraph.timing import Messages
-from ruledgraph.window import Start, Window
+from ruledgraph.window import Window
 from simulated_window import BODY_T_CAM, hand_held
 
 

@@ -7,8 +7,8 @@ import gtsam
 import numpy as np
 import pytest
 
+from ruledgraph.knots import Start
 from ruledgraph.segments import Drift, Ended, Trial, continued, heading
-from ruledgraph.window import Start
 
 MOUNTINGS = (gtsam.Rot3(), gtsam.Rot3.Ry(-np.pi / 2), gtsam.Rot3.Rx(-np.pi / 2))
 CERTAIN = (np.eye(6) * 1e-6, np.eye(3) * 1e-6, np.eye(6) * 1e-6)

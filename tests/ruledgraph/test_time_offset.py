@@ -12,12 +12,13 @@ from ideal_tracks import CALIBRATION, IdealTracks, error_of, ideal_tracks
 from ruledgraph.config import load_config
 from ruledgraph.estimates import Estimate
 from ruledgraph.evaluation import alignment
+from ruledgraph.knots import Start
 from ruledgraph.measurements import Frame, Gap, Measurement
 from ruledgraph.pipeline import Odometry
 from ruledgraph.sensors import Calibration
 from ruledgraph.smoother import FixedLagSmoother, SmootherError
 from ruledgraph.time_offset import TimeOffset, concern, followed
-from ruledgraph.window import Start, Window
+from ruledgraph.window import Window
 from simulated_window import hand_held
 from small_simulation import small_simulation, small_stream
 

@@ -11,9 +11,10 @@ from gtsam.symbol_shorthand import L, X
 from ideal_tracks import CALIBRATION, MANY, IdealTracks, error_of, ideal_tracks, sighting
 from ruledgraph.config import Config, load_config
 from ruledgraph.inertial import ImuBuffer
+from ruledgraph.knots import Interval, Start
 from ruledgraph.smoother import FixedLagSmoother, SmootherError
 from ruledgraph.triangulate import View, triangulate
-from ruledgraph.window import Interval, Start, Window
+from ruledgraph.window import Window
 from ruledgraph_factors import CompressedPoints, preintegrate_frames
 from simulated_window import BODY_T_CAM, FOCAL_LENGTH, SplineMotion, hand_held
 

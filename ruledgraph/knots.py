@@ -1,0 +1,150 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a window is made of: knots, the intervals between them, and their priors."""
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+from gtsam import noiseModel
+from gtsam.symbol_shorthand import B, V, X
+
+from ruledgraph.lines import GraphLine
+from ruledgraph.sensors import FloatArray
+from ruledgraph.time_offset import OffsetLink, TimeOffset
+from ruledgraph.tracks import Sighting, Track
+from ruledgraph_factors import (
+    CompressedPoints,
+    FrameMotion,
+    LineChart,
+    RuledSurfaceFactor,
+    line_distance_prior,
+)
+
+# Prior deviations of a new line's chart. Its plane was seen, and the window is too short to drift
+# by more; left free like `NEW_LINE_SIGMAS`, one bad step carries an outlier where no point pulls.
+NEW_LINE = np.array([1.0, 1.0, 0.05, 0.05])
+# How far away a line is, m, and by what factor that may be wrong.
+_DISTANCE, _DISTANCE_FACTOR = 3.0, 4.0
+
+
+@dataclass(eq=False)
+class Knot:
+    """A state of the graph."""
+
+    index: int
+    time: float
+    state: gtsam.NavState
+    bias: gtsam.imuBias.ConstantBias
+    covariances: tuple[FloatArray, FloatArray, FloatArray]
+    """Of pose (6, 6), velocity (3, 3) and bias (6, 6), when it was new."""
+
+
+@dataclass(eq=False)
+class Interval:
+    """The frames after a knot, up to and including the next knot's."""
+
+    knot: Knot
+    stamps: list[int]
+    """Of its frames, ns."""
+    motion: FrameMotion
+    imu_factors: list[gtsam.NonlinearFactor]
+    known: int
+    """How many of its frames come before a doubt of the IMU: the others' poses are guesses."""
+    again: int = 0
+    """1 when the knot's own frame is the first: the interval before could not place it."""
+    link: OffsetLink | None = None
+    """The time offset of its frames, when that is estimated."""
+    observations: list["Observation"] = field(default_factory=list)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there is no doubt in it."""
+        return self.known == len(self.stamps)
+
+    @property
+    def time_shift(self) -> float:
+        """How much later than `motion` says its frames were taken, s."""
+        return 0.0 if self.link is None else self.link.shift
+
+    def poses(self) -> list[gtsam.Pose3]:
+        """world_T_body of its frames."""
+        return self.motion.poses(self.knot.state, self.knot.bias, time_shift=self.time_shift)
+
+    def seen(self, track: Track) -> tuple[list[int], list[Sighting]]:
+        """In which of its known frames a track was seen, and what there."""
+        hits: list[Sighting] = []
+        for sighting in reversed(track.sightings):
+            if sighting.stamp < self.stamps[0]:
+                break
+            hits.append(sighting)
+        places = {stamp: i for i, stamp in enumerate(self.stamps[: self.known])}
+        hits = [sighting for sighting in reversed(hits) if sighting.stamp in places]
+        return [places[sighting.stamp] for sighting in hits], hits
+
+
+class Observation(NamedTuple):
+    """A line in an interval."""
+
+    line: GraphLine
+    factor: RuledSurfaceFactor
+    points: CompressedPoints
+    last: tuple[int, FloatArray]
+    """The last frame that saw it, by its place in the interval, and the points there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a window begins."""
+
+    stamp: int
+    """Of its frame, ns."""
+    time: float
+    state: gtsam.NavState
+    bias: gtsam.imuBias.ConstantBias
+    pose_covariance: FloatArray
+    velocity_sigma: float
+    bias_sigmas: FloatArray
+    lines: dict[int, tuple[LineChart, FloatArray]]
+    """Of tracks by number: what is known of them already."""
+    time_offset: TimeOffset | None = None
+    """Beyond the frames' times; None: not to be estimated."""
+
+    def moved(self, by: gtsam.Pose3) -> "Start":
+        """The same start in another world: turned about the vertical and shifted, `by` a pose."""
+        pose = by.compose(self.state.pose())
+        velocity = by.rotation().rotate(self.state.velocity())
+        lines = {
+            number: (LineChart(by.compose(chart.world_T_anchor), chart.basis, chart.angle), delta)
+            for number, (chart, delta) in self.lines.items()
+        }
+        return replace(self, state=gtsam.NavState(pose, velocity), lines=lines)
+
+
+def insert_state(values: gtsam.Values, knot: Knot) -> None:
+    """A knot's variables: X, V and B of its index."""
+    values.insert(X(knot.index), knot.state.pose())
+    values.insert(V(knot.index), knot.state.velocity())
+    values.insert(B(knot.index), knot.bias)
+
+
+def add_priors(factors: gtsam.NonlinearFactorGraph, knot: Knot, inflation: float = 1.0) -> None:
+    """Priors of a knot with its own covariances, `inflation` times the deviations."""
+    pose, velocity, bias = (
+        noiseModel.Gaussian.Covariance(c * inflation**2) for c in knot.covariances
+    )
+    factors.addPriorPose3(X(knot.index), knot.state.pose(), pose)
+    factors.addPriorVector(V(knot.index), knot.state.velocity(), velocity)
+    factors.addPriorConstantBias(B(knot.index), knot.bias, bias)
+
+
+def line_priors(line: GraphLine) -> tuple[gtsam.NonlinearFactor, ...]:
+    """What is known of a line before it is looked at from two places."""
+    chart_noise = noiseModel.Diagonal.Sigmas(NEW_LINE)
+    distance_noise = noiseModel.Isotropic.Sigma(1, math.log(_DISTANCE_FACTOR))
+    return (
+        gtsam.PriorFactorVector(line.key, np.zeros(4), chart_noise),
+        line_distance_prior(distance_noise, line.key, line.chart, _DISTANCE),
+    )
