@@ -121,6 +121,10 @@ class Odometry(Output):
         """Hand out what is still in the window."""
         if self.window is None:
             return
+        left = [frame for frame in self._frames if frame.time > self.window.newest.time]
+        if left and self.window.is_plausible():
+            self._add_knot(left)
+            self._optimize(self.window)
         for interval in self.window.intervals:
             self._hand_out(self.window, interval)
         self._hand_out_lines([*self.window.retired, *self.window.lines.values()])

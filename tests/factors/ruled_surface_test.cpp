@@ -25,8 +25,8 @@ constexpr int kFrames = 4;
 Matrix3 random_rotation() { return exponential(Vector3::Random()).rotation; }
 
 State random_state() {
-  return {random_rotation(),       Vector3::Random(),       Vector3::Random(),
-          0.1 * Vector6::Random(), 9.0 * Vector3::Random(), 0.02 * Eigen::Vector4d::Random(),
+  return {random_rotation(),           Vector3::Random(),       Vector3::Random(),
+          0.1 * Vector6::Random(),     9.0 * Vector3::Random(), 0.02 * Eigen::Vector4d::Random(),
           0.01 * Vector3::Random().x()};
 }
 

@@ -8,8 +8,8 @@
 // The native version of `ruledgraph_factors/ruled_surface.py`, which says what is computed and
 // stays the reference: same equations, same names, same behaviour at degenerate geometry. The
 // columns of a Jacobian are GTSAM's tangents of pose (rotation first, right perturbation),
-// velocity, bias (accelerometer, gyroscope), gravity and line, and of a timed geometry one more: how
-// much later the frames were taken.
+// velocity, bias (accelerometer, gyroscope), gravity and line, and of a timed geometry one more:
+// how much later the frames were taken.
 #pragma once
 
 #include <Eigen/Core>
@@ -55,8 +55,8 @@ struct LineChart {
 /// Preintegrated motion from the knot to one frame.
 struct FrameMotion {
   double elapsed;
-  Vector6 preintegrated;  ///< (theta, dp) at the bias integrated with
-  Matrix6 bias_jacobian;  ///< its derivative by the bias
+  Vector6 preintegrated;                    ///< (theta, dp) at the bias integrated with
+  Matrix6 bias_jacobian;                    ///< its derivative by the bias
   Vector6 time_jacobian = Vector6::Zero();  ///< and by the frame's time
 };
 
