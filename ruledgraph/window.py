@@ -167,15 +167,15 @@ class Window:
             preintegrated.integrateMeasurement(*segment)
         state = preintegrated.predict(knot.state, knot.bias)
         new = Knot(k + 1, times[-1], state, knot.bias, knot.covariances)
-        imu_factors: list[gtsam.NonlinearFactor] = [
-            gtsam.CombinedImuFactor(X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1), preintegrated)
-        ]
-        self._new_factors.add(imu_factors[0])
+        imu_factor = gtsam.CombinedImuFactor(
+            X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1), preintegrated
+        )
+        self._new_factors.add(imu_factor)
         link = self._new_link(knot, correction)
         # At rest the noise of the gyroscope would feign knowledge of the offset.
         timed = link is not None and not still
         motion = preintegrate_frames(samples, knot.time, times, knot.bias, with_time=timed)
-        interval = Interval(knot, list(stamps), motion, imu_factors, known, again, link)
+        interval = Interval(knot, list(stamps), motion, [imu_factor], known, again, link)
         self.intervals.append(interval)
         self.knots.append(new)
         self._insert(new)

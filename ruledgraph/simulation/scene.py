@@ -89,9 +89,6 @@ def panel(
     return Surface(name, corner, *sides, material, **options)  # type: ignore[arg-type]
 
 
-_UP = np.array([0.0, 0.0, 1.0])
-
-
 def box(
     name: str,
     centre: ArrayLike,
