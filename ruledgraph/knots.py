@@ -16,18 +16,21 @@ from ruledgraph.sensors import FloatArray
 from ruledgraph.time_offset import OffsetLink, TimeOffset
 from ruledgraph.tracks import Sighting, Track
 from ruledgraph_factors import (
+    STANDARD_GRAVITY,
     CompressedPoints,
     FrameMotion,
     LineChart,
     RuledSurfaceFactor,
     line_distance_prior,
 )
+from ruledgraph_factors.ruled_surface import State
 
 # Prior deviations of a new line's chart. Its plane was seen, and the window is too short to drift
 # by more; left free like `NEW_LINE_SIGMAS`, one bad step carries an outlier where no point pulls.
 NEW_LINE = np.array([1.0, 1.0, 0.05, 0.05])
 # How far away a line is, m, and by what factor that may be wrong.
 _DISTANCE, _DISTANCE_FACTOR = 3.0, 4.0
+_GRAVITY = np.array(STANDARD_GRAVITY)
 
 
 @dataclass(eq=False)
@@ -58,6 +61,7 @@ class Interval:
     link: OffsetLink | None = None
     """The time offset of its frames, when that is estimated."""
     observations: list["Observation"] = field(default_factory=list)
+    _placed: tuple[gtsam.NavState, list[gtsam.Pose3]] | None = None
 
     @property
     def is_known(self) -> bool:
@@ -70,8 +74,18 @@ class Interval:
         return 0.0 if self.link is None else self.link.shift
 
     def poses(self) -> list[gtsam.Pose3]:
-        """world_T_body of its frames."""
-        return self.motion.poses(self.knot.state, self.knot.bias, time_shift=self.time_shift)
+        """world_T_body of its frames, computed anew when the knot's state is replaced."""
+        placed, knot = self._placed, self.knot
+        if placed is None or placed[0] is not knot.state:
+            poses = self.motion.poses(knot.state, knot.bias, time_shift=self.time_shift)
+            placed = self._placed = knot.state, poses
+        return placed[1]
+
+    def state(self, delta: FloatArray) -> State:
+        """What the factor of a line at `delta` depends on."""
+        pose, velocity = self.knot.state.pose().matrix(), self.knot.state.velocity()
+        bias = self.knot.bias.vector()
+        return State(pose, velocity, bias, _GRAVITY, delta, self.time_shift)
 
     def seen(self, track: Track) -> tuple[list[int], list[Sighting]]:
         """In which of its known frames a track was seen, and what there."""

@@ -210,9 +210,8 @@ class Tracker:
         wanted = self._config.max_lines - len(self.tracks)
         if wanted <= 0:
             return
-        candidates = self._candidates(segments, gradient)
-        found = search_all(gradient, self._camera, candidates)
-        for ruling, edge in zip(candidates, found, strict=True):
+        for ruling in self._candidates(segments, gradient):
+            (edge,) = search_all(gradient, self._camera, [ruling])
             if edge is None or edge.deviation > self._straight or edge.support < _FULL:
                 continue
             (ends,) = _extents(ruling.ends[None], [edge])
@@ -230,10 +229,12 @@ class Tracker:
     def _candidates(self, segments: FloatArray, gradient: Gradient) -> list[Ruling]:
         """Segments that are long enough and not followed yet, those worth most first."""
         along = segments[:, 1] - segments[:, 0]
-        lengths = np.linalg.norm(along, axis=1)
+        segments = segments[np.hypot(along[:, 0], along[:, 1]) > self._config.min_length]
         ends = self._camera.undistort(segments.reshape(-1, 2)).reshape(-1, 2, 2)
-        good = (lengths > self._config.min_length) & np.isfinite(ends).all(axis=(1, 2))
-        segments, along, lengths, ends = segments[good], along[good], lengths[good], ends[good]
+        seen = np.isfinite(ends).all(axis=(1, 2))
+        segments, ends = segments[seen], ends[seen]
+        along = segments[:, 1] - segments[:, 0]
+        lengths = np.hypot(along[:, 0], along[:, 1])
         across = np.stack([-along[:, 1], along[:, 0]], axis=1) / lengths[:, None]
         stations = segments[:, :1] + np.linspace(0.1, 0.9, 15)[:, None] * along[:, None]
         slopes = np.median(gradient.along(stations, across[:, None]), axis=1).astype(np.float64)

@@ -27,8 +27,8 @@ from ruledgraph.lines import GraphLine
 from ruledgraph.sensors import Calibration
 from ruledgraph.smoother import FixedLagSmoother, SmootherError
 from ruledgraph.time_offset import OffsetLink
-from ruledgraph.tracks import Sighting, Track, compressed_points
-from ruledgraph.triangulate import View, factor_state, triangulate
+from ruledgraph.tracks import Track, compressed_points
+from ruledgraph.triangulate import triangulate
 from ruledgraph_factors import (
     FactorError,
     preintegrate_frames,
@@ -254,11 +254,14 @@ class Window:
         else:
             if sum(len(index) for _, index, _ in seen) < _FEWEST_SIGHTINGS:
                 return
-            views = [self._view(*s) for s in seen]
-            first, index, sightings = seen[0]
-            anchor = first.poses()[index[0]].compose(self._body_T_cam)
-            first_points = sightings[0].points
-            fit = triangulate(anchor, first_points, views, self._body_T_cam, self._deviation)
+            cameras = [
+                interval.poses()[i].compose(self._body_T_cam)
+                for interval, index, _ in seen
+                for i in index
+            ]
+            sightings = [sighting for _, _, part in seen for sighting in part]
+            points = compressed_points(sightings)
+            fit = triangulate(cameras, points, sightings[0].points, self._deviation)
             if fit is None or fit.misfit * self._focal > _NEW_MISFIT:
                 return
             if fit.inverse < -2.0 * fit.inverse_sigma or fit.inverse > _NEAREST_INVERSE:
@@ -309,11 +312,6 @@ class Window:
         line.covariance = by_delta @ line.covariance @ by_delta.T
         line.key, line.chart, line.delta = key, chart, np.zeros(4)
         line.linearized, line.fixed = line.delta, False
-
-    def _view(self, interval: Interval, index: list[int], sightings: list[Sighting]) -> View:
-        motion, compressed = interval.motion.select(index), compressed_points(sightings)
-        state, bias = interval.knot.state, interval.knot.bias
-        return View(motion, compressed, state, bias, interval.time_shift)
 
     # -- solving ---------------------------------------------------------------------------------
 
@@ -401,8 +399,7 @@ class Window:
         """Retire lines that do not fit their points or lie behind the camera."""
         interval = self.intervals[-1]
         poses = interval.poses()
-        knot, shift = interval.knot, interval.time_shift
-        at_knot = factor_state(knot.state, knot.bias, np.zeros(4), shift)
+        at_knot = interval.state(np.zeros(4))
         for line, factor, points, (place, last_points) in interval.observations:
             if factor.spec.keys[-1] != line.key or self.lines.get(line.track.number) is not line:
                 continue  # it was just re-anchored, or dropped

@@ -57,8 +57,18 @@ class ReprojectionSurface(_Surface):
     ) -> None:
         """Take the three arrays of `IndividualPoints`."""
 
+def plucker(
+    world_T_anchor: FloatArray, basis: FloatArray, angle: float, delta: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """As `LineChart.plucker`; the anchor is (4, 4)."""
+
 def compress(points: FloatArray, sqrt_weights: FloatArray, counts: IntArray) -> FloatArray:
     """As `observations.compress_in_numpy`."""
+
+def segments(
+    times: FloatArray, force: FloatArray, rate: FloatArray, breaks: list[float], bias: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """As `integration.segments_in_numpy`."""
 
 def integrate(
     force: FloatArray, rate: FloatArray, dt: FloatArray, delta: FloatArray, d_bias: FloatArray

@@ -13,6 +13,38 @@ from ruledgraph_factors.so3 import (
 from ruledgraph_factors.validation import FloatArray
 
 
+def segments_in_numpy(
+    times: FloatArray, force: FloatArray, rate: FloatArray, breaks: list[float], bias: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Cut samples into segments; the reference of `_native.segments`.
+
+    Args:
+        times: of the samples, (N,), s.
+        force: accelerometer, (N, 3), m/s^2.
+        rate: gyroscope, (N, 3), rad/s.
+        breaks: in any order, within the samples; from the first to the last there will be one at
+            every sample, too, s.
+        bias: (6,), see `ImuSamples.segments`.
+
+    Returns:
+        Breaks (n + 1,), force (n, 3) and rate (n, 3) of the n segments.
+    """
+    start, stop = min(breaks), max(breaks)
+    inside = times[(times > start) & (times < stop)]
+    all_breaks = np.unique(np.concatenate([breaks, inside]))
+    mean_force = _midpoints(all_breaks, times, force)
+    mean_rate = _midpoints(all_breaks, times, rate)
+    lengths = np.diff(all_breaks)[:, None]
+    half_turn, _ = exp_and_right_jacobian(0.5 * lengths * (mean_rate - bias[3:]))
+    turned = np.einsum("nij,nj->ni", half_turn, mean_force - bias[:3]) + bias[:3]
+    return all_breaks, turned, mean_rate
+
+
+def _midpoints(breaks: FloatArray, times: FloatArray, signal: FloatArray) -> FloatArray:
+    at_breaks = np.stack([np.interp(breaks, times, column) for column in signal.T], axis=1)
+    return np.asarray(0.5 * (at_breaks[1:] + at_breaks[:-1]))
+
+
 def integrate_in_numpy(
     force: FloatArray, rate: FloatArray, dt: FloatArray, delta: FloatArray, d_bias: FloatArray
 ) -> int:

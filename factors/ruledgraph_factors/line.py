@@ -34,6 +34,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ruledgraph_factors.errors import FactorError
+from ruledgraph_factors.kernel import active_kernel, native
 from ruledgraph_factors.so3 import exp_and_right_jacobian, hat
 from ruledgraph_factors.validation import FloatArray, finite_array, number, pose, rotation_matrix
 
@@ -152,6 +153,9 @@ class LineChart:
 
         Scaled so that |m_A|^2 + |v_A|^2 = 1 in the anchor frame, which keeps infinity regular.
         """
+        if active_kernel() == "native":
+            anchor = self.world_T_anchor.matrix()
+            return native.plucker(anchor, self.basis, self.angle, _delta(delta))
         u, phi, right_jacobian = self.frame(_delta(delta))
         cosine, sine = np.cos(phi), np.sin(phi)
         rotation, position = _arrays(self.world_T_anchor)

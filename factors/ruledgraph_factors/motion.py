@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ruledgraph_factors.errors import FactorError
-from ruledgraph_factors.integration import integrate_in_numpy
+from ruledgraph_factors.integration import integrate_in_numpy, segments_in_numpy
 from ruledgraph_factors.kernel import active_kernel, native
 from ruledgraph_factors.so3 import exp_and_right_jacobian, hat, inverse_right_jacobian
 from ruledgraph_factors.validation import (
@@ -115,19 +115,11 @@ class ImuSamples:
                 f"IMU samples cover {self.times[0]:.9f} to {self.times[-1]:.9f} s, "
                 f"but {start:.9f} to {stop:.9f} s is asked for"
             )
-        start, stop = np.clip([start, stop], self.times[0], self.times[-1]).tolist()
-        first, last = np.searchsorted(self.times, [start, stop], side="right")
-        used = slice(first - 1, last + 1)
-        times = self.times[used]
-        inside = times[(times > start) & (times < stop)]
-        breaks = np.unique(np.concatenate([[start, stop], inside, np.asarray(at, dtype=float)]))
-        breaks = breaks[(breaks >= start) & (breaks <= stop)]
-        lengths = np.diff(breaks)
-        force = _midpoints(breaks, times, self.accelerometer[used])
-        rate = _midpoints(breaks, times, self.gyroscope[used])
-        half_turn, _ = exp_and_right_jacobian(0.5 * lengths[:, None] * (rate - b[3:]))
-        force = np.einsum("nij,nj->ni", half_turn, force - b[:3]) + b[:3]
-        return breaks, force, rate
+        first, last = float(self.times[0]), float(self.times[-1])
+        start, stop = min(max(start, first), last), min(max(stop, first), last)
+        inside = [time for time in np.asarray(at, dtype=float).tolist() if start <= time <= stop]
+        cut = native.segments if active_kernel() == "native" else segments_in_numpy
+        return cut(self.times, self.accelerometer, self.gyroscope, [start, stop, *inside], b)
 
 
 def _bias_vector(bias: gtsam.imuBias.ConstantBias | None) -> FloatArray:
@@ -135,11 +127,6 @@ def _bias_vector(bias: gtsam.imuBias.ConstantBias | None) -> FloatArray:
         return np.zeros(6)
     instance("bias", bias, gtsam.imuBias.ConstantBias)
     return finite_array("bias", bias.vector(), (6,))
-
-
-def _midpoints(breaks: FloatArray, times: FloatArray, signal: FloatArray) -> FloatArray:
-    at_breaks = np.stack([np.interp(breaks, times, column) for column in signal.T], axis=1)
-    return np.asarray(0.5 * (at_breaks[1:] + at_breaks[:-1]))
 
 
 class PredictedPoses(NamedTuple):

@@ -21,6 +21,7 @@ ORTHONORMAL_TOLERANCE = 1e-5
 LARGEST_IMAGE_COORDINATE = 20.0
 # Times that differ by less are the same: 1 us is four steps of a Unix time in float64.
 SAME_TIME = 1e-6
+_IDENTITY = np.eye(3)
 
 
 def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
@@ -29,9 +30,7 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise FactorError(f"{name} must be numbers: {error}") from None
-    if array.ndim != len(shape) or any(
-        want is not None and have != want for have, want in zip(array.shape, shape, strict=True)
-    ):
+    if array.shape != shape and not _fits(array.shape, shape):
         wanted = str(tuple("N" if length is None else length for length in shape)).replace("'", "")
         raise FactorError(f"{name} must have shape {wanted}, not {array.shape}")
     finite = np.isfinite(array)
@@ -40,6 +39,12 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
         raise FactorError(f"{name} has a NaN or infinite value at [{where}]")
     array.setflags(write=False)
     return array
+
+
+def _fits(found: tuple[int, ...], shape: tuple[int | None, ...]) -> bool:
+    return len(found) == len(shape) and all(
+        want is None or have == want for have, want in zip(found, shape, strict=True)
+    )
 
 
 def image_points(name: str, value: ArrayLike) -> FloatArray:
@@ -86,12 +91,14 @@ def increasing_times(name: str, value: ArrayLike) -> FloatArray:
 def rotation_matrix(name: str, value: ArrayLike) -> FloatArray:
     """`value` as a 3x3 rotation matrix."""
     matrix = finite_array(name, value, (3, 3))
-    defect = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
+    defect = float(np.abs(matrix @ matrix.T - _IDENTITY).max())
     if defect > ORTHONORMAL_TOLERANCE:
         raise FactorError(
             f"{name}: its rotation is not orthonormal (R R^T differs from I by {defect:.1e})"
         )
-    if np.linalg.det(matrix) < 0.0:
+    x, y, z = matrix.tolist()
+    turned = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]
+    if sum(a * b for a, b in zip(turned, z, strict=True)) < 0.0:  # the determinant
         raise FactorError(f"{name}: its rotation is a reflection (determinant -1)")
     return matrix
 

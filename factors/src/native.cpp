@@ -6,6 +6,7 @@
 #include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/vector.h>
 
 #include <Eigen/QR>
 #include <algorithm>
@@ -37,6 +38,11 @@ void require(bool condition, const char* message) {
   if (!condition) throw std::invalid_argument(message);
 }
 
+LineChart make_chart(const Matrix4d& world_T_anchor, const Matrix3& basis, double angle) {
+  return {world_T_anchor.topLeftCorner<3, 3>(), world_T_anchor.topRightCorner<3, 1>(), basis,
+          angle};
+}
+
 Geometry make_geometry(const Matrix4d& world_T_anchor, const Matrix3& basis, double angle,
                        const Matrix4d& body_T_cam, Rows<const double, -1> elapsed,
                        Rows<const double, -1, 9> preintegrated,
@@ -56,10 +62,8 @@ Geometry make_geometry(const Matrix4d& world_T_anchor, const Matrix3& basis, dou
       frames.back().time_jacobian = Eigen::Map<const Vector6>(time_jacobian.data() + 6 * i);
     }
   }
-  const LineChart chart{world_T_anchor.topLeftCorner<3, 3>(), world_T_anchor.topRightCorner<3, 1>(),
-                        basis, angle};
-  return Geometry(chart, body_T_cam.topLeftCorner<3, 3>(), body_T_cam.topRightCorner<3, 1>(),
-                  std::move(frames), bias, timed);
+  return Geometry(make_chart(world_T_anchor, basis, angle), body_T_cam.topLeftCorner<3, 3>(),
+                  body_T_cam.topRightCorner<3, 1>(), std::move(frames), bias, timed);
 }
 
 /// All constants of one factor.
@@ -154,6 +158,23 @@ nb::ndarray<nb::numpy, double> compress(Rows<const double, -1, 2> points,
   return nb::ndarray<nb::numpy, double>(statistics->data(), 3, shape, owner);
 }
 
+nb::tuple segments(Rows<const double, -1> times, Rows<const double, -1, 3> force,
+                   Rows<const double, -1, 3> rate, const std::vector<double>& breaks,
+                   const Vector6& bias) {
+  const std::size_t count = times.shape(0);
+  require(count >= 2 && force.shape(0) == count && rate.shape(0) == count,
+          "times, force and rate do not fit together");
+  require(!breaks.empty(), "breaks is empty");
+  const auto size = static_cast<Index>(count);
+  const ImuSamples samples{{times.data(), size}, {force.data(), 3, size}, {rate.data(), 3, size}};
+  const ImuSegments found = samples.segments(breaks, bias.head<3>(), bias.tail<3>());
+  const auto& all = found.breaks;
+  return nb::make_tuple(Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(
+                            all.data(), static_cast<Index>(all.size()))),
+                        RowMajor<Eigen::Dynamic, 3>(found.force.transpose()),
+                        RowMajor<Eigen::Dynamic, 3>(found.rate.transpose()));
+}
+
 std::size_t integrate(Rows<const double, -1, 3> force, Rows<const double, -1, 3> rate,
                       const Eigen::VectorXd& dt, Rows<double, -1, 9> delta,
                       Rows<double, -1, 9, 6> d_bias) {
@@ -170,6 +191,12 @@ std::size_t integrate(Rows<const double, -1, 3> force, Rows<const double, -1, 3>
     motion.integrate(Eigen::Map<const Vector3>(force.data() + 3 * i),
                      Eigen::Map<const Vector3>(rate.data() + 3 * i), dt[static_cast<Index>(i)]);
   }
+}
+
+nb::tuple plucker_pair(const Matrix4d& world_T_anchor, const Matrix3& basis, double angle,
+                       const Eigen::Vector4d& delta) {
+  const PlueckerPair pair = plucker(make_chart(world_T_anchor, basis, angle), delta);
+  return nb::make_tuple(pair.value, pair.by_line);
 }
 
 template <typename Surface>
@@ -192,7 +219,11 @@ NB_MODULE(_native, module) {
   bind_surface<ReprojectionSurface>(module, "ReprojectionSurface")
       .def(nb::new_(&make_reprojection), nb::arg("geometry"), nb::arg("points"),
            nb::arg("sqrt_weights"), nb::arg("frame"));
+  module.def("plucker", &plucker_pair, nb::arg("world_T_anchor"), nb::arg("basis"),
+             nb::arg("angle"), nb::arg("delta"));
   module.def("compress", &compress, nb::arg("points"), nb::arg("sqrt_weights"), nb::arg("counts"));
+  module.def("segments", &segments, nb::arg("times"), nb::arg("force"), nb::arg("rate"),
+             nb::arg("breaks"), nb::arg("bias"));
   module.def("integrate", &integrate, nb::arg("force"), nb::arg("rate"), nb::arg("dt"),
              nb::arg("delta").noconvert(), nb::arg("d_bias").noconvert());
 }

@@ -21,7 +21,8 @@ _HOUGH_REMOVE = 5
 
 def detect_lsd(image: NDArray[np.uint8]) -> FloatArray:
     """Segments by OpenCV's line segment detector (von Gioi et al. 2010), ends in px, (N, 2, 2)."""
-    found = cv2.createLineSegmentDetector().detect(image)[0]
+    # Unrefined: what is not straight fails the search for its edge points, which costs less.
+    found = cv2.createLineSegmentDetector(cv2.LSD_REFINE_NONE).detect(image)[0]
     return np.zeros((0, 2, 2)) if found is None else np.asarray(found, float).reshape(-1, 2, 2)
 
 

@@ -93,6 +93,35 @@ def test_large_turns_agree(angle: float, kind, by_both: ByBoth) -> None:
         assert_same(by_both(lambda c=case: c.factor("knot", kind)), case.values)
 
 
+@needs_native
+def test_segments_agree(by_both: ByBoth) -> None:
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        times = np.cumsum(rng.uniform(0.002, 0.02, size=40))
+        imu = ImuSamples(times, rng.normal(size=(40, 3)), rng.normal(size=(40, 3)))
+        start, stop = np.sort(rng.uniform(times[0], times[-1], size=2))
+        bias = gtsam.imuBias.ConstantBias(rng.normal(size=3), rng.normal(size=3))
+        at = [start, stop, times[20], stop + 1.0, *rng.uniform(start, stop, size=seed % 5)]
+        native, numpy = by_both(
+            lambda imu=imu, a=start, b=stop, at=at, bias=bias: list(imu.segments(a, b, at, bias))
+        )
+        assert len(native) == len(numpy)
+        for ours, reference in zip(native, numpy, strict=True):
+            assert ours.dt == reference.dt
+            np.testing.assert_allclose(ours.accelerometer, reference.accelerometer, atol=BOUND)
+            np.testing.assert_allclose(ours.gyroscope, reference.gyroscope, atol=BOUND)
+
+
+@needs_native
+def test_plucker_coordinates_agree(by_both: ByBoth) -> None:
+    for seed in range(100):
+        case = random_case(seed)
+        delta = case.rng.normal(size=4) * 10.0 ** case.rng.uniform(-6.0, 0.3)
+        native, numpy = by_both(lambda c=case, d=delta: c.chart.plucker(d))
+        for ours, reference in zip(native, numpy, strict=True):
+            assert relative_error(ours, reference) < BOUND
+
+
 def pose_factor(kind, chart: LineChart, points: np.ndarray) -> RuledSurfaceFactor:
     observed = kind.from_frames([points])
     return ruled_surface_pose_factor(

@@ -13,7 +13,7 @@ from ruledgraph.config import Config, load_config
 from ruledgraph.inertial import ImuBuffer
 from ruledgraph.knots import Interval, Start
 from ruledgraph.smoother import FixedLagSmoother, SmootherError
-from ruledgraph.triangulate import View, triangulate
+from ruledgraph.triangulate import triangulate
 from ruledgraph.window import Window
 from ruledgraph_factors import CompressedPoints, preintegrate_frames
 from simulated_window import BODY_T_CAM, FOCAL_LENGTH, SplineMotion, hand_held
@@ -195,16 +195,16 @@ def test_triangulation_finds_lines_at_any_distance(seed):
     made = ideal_tracks(seed, hand_held(rng), duration=0.7)
     motion = preintegrate_frames(made.imu.between(0.0, 0.7), 0.0, made.times[1:])
     state = gtsam.NavState(made.motion.pose(0.0), made.motion.velocity(0.0))
+    poses = motion.poses(state, gtsam.imuBias.ConstantBias())
+    cameras = [pose * BODY_T_CAM for pose in poses]
     for track in made.tracks:
         points = [seen.points for seen in track.sightings][1:]
         compressed = CompressedPoints.from_frames(points)
-        view = View(motion, compressed, state, gtsam.imuBias.ConstantBias())
-        anchor = made.motion.pose(made.times[1]) * BODY_T_CAM
-        fit = triangulate(anchor, points[0], [view], BODY_T_CAM, 0.5 / FOCAL_LENGTH)
+        fit = triangulate(cameras, compressed, points[0], 0.5 / FOCAL_LENGTH)
         assert fit is not None
         assert fit.misfit * FOCAL_LENGTH == pytest.approx(0.5, abs=0.08)
         true = MANY[track.number - 1]
-        inverse = 1.0 / np.linalg.norm(_foot(true, anchor))
+        inverse = 1.0 / np.linalg.norm(_foot(true, cameras[0]))
         # The motion comes from a noisy IMU: 1 or 2 mm after 0.7 s.
         assert abs(fit.inverse - inverse) < 4.0 * fit.inverse_sigma + 0.005
         at_zero, _ = fit.chart.inverse_distance(np.zeros(4))

@@ -6,10 +6,65 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
+#include <utility>
+#include <vector>
 
 #include "ruledgraph/so3.hpp"
 
 namespace ruledgraph {
+
+/// n stretches of constant measurement between n + 1 breaks; one column each.
+struct ImuSegments {
+  std::vector<double> breaks;
+  Eigen::Matrix3Xd force, rate;
+};
+
+/// IMU samples in order of time, s, not owned: specific force (m/s^2) and rate (rad/s), a column a
+/// sample.
+struct ImuSamples {
+  Eigen::Map<const Eigen::VectorXd> times;
+  Eigen::Map<const Eigen::Matrix3Xd> force, rate;
+
+  /// As `ImuSamples.segments` in Python; the samples must reach from the first break to the last.
+  /// `breaks` may be in any order.
+  ImuSegments segments(std::vector<double> breaks, const Vector3& force_bias,
+                       const Vector3& rate_bias) const {
+    const auto [first, last] = std::minmax_element(breaks.begin(), breaks.end());
+    const double start = *first, stop = *last;
+    for (const double time : times) {
+      if (time > start && time < stop) breaks.push_back(time);
+    }
+    std::sort(breaks.begin(), breaks.end());
+    breaks.erase(std::unique(breaks.begin(), breaks.end()), breaks.end());
+    const auto count = static_cast<Eigen::Index>(breaks.size()) - 1;
+    ImuSegments found{std::move(breaks), Eigen::Matrix3Xd(3, count), Eigen::Matrix3Xd(3, count)};
+    auto [force_before, rate_before] = at(found.breaks.front());
+    for (Eigen::Index i = 0; i < count; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      const auto [force_after, rate_after] = at(found.breaks[k + 1]);
+      const double dt = found.breaks[k + 1] - found.breaks[k];
+      found.rate.col(i) = 0.5 * (rate_before + rate_after);
+      const Vector3 middle = 0.5 * (force_before + force_after);
+      // From the middle of the segment to its start.
+      const Vector3 half_turn = 0.5 * dt * (found.rate.col(i) - rate_bias);
+      found.force.col(i) = exponential(half_turn).rotation * (middle - force_bias) + force_bias;
+      force_before = force_after;
+      rate_before = rate_after;
+    }
+    return found;
+  }
+
+ private:
+  /// Force and rate at a time, interpolated linearly.
+  std::pair<Vector3, Vector3> at(double time) const {
+    const double* after = std::upper_bound(times.data(), times.data() + times.size(), time);
+    const Eigen::Index i = std::clamp<Eigen::Index>(after - times.data() - 1, 0, times.size() - 2);
+    const double share = (time - times[i]) / (times[i + 1] - times[i]);
+    return {force.col(i) + share * (force.col(i + 1) - force.col(i)),
+            rate.col(i) + share * (rate.col(i + 1) - rate.col(i))};
+  }
+};
 
 /// Motion since a knot in the knot's body frame, and its derivative by the bias.
 struct Preintegrated {

@@ -52,6 +52,13 @@ struct LineChart {
   double angle;
 };
 
+/// A line's world Pluecker pair (moment, direction) and its derivative by the four coordinates;
+/// see `LineChart.plucker` in Python.
+struct PlueckerPair {
+  Vector6 value;
+  Eigen::Matrix<double, 6, 4> by_line;
+};
+
 /// Preintegrated motion from the knot to one frame.
 struct FrameMotion {
   double elapsed;
@@ -66,6 +73,34 @@ struct WorldLine {
   double cosine, sine;
   Matrix3 d_normal, d_along;  ///< by the last three of the line's coordinates
 };
+
+/// The line at these coordinates of a chart.
+inline WorldLine line_in_world(const LineChart& chart, const Eigen::Vector4d& line) {
+  const Exponential turn = exponential(line.tail<3>());
+  const double phi = chart.angle + line[0];
+  const Matrix3 world_R_line = chart.world_R_anchor * (chart.basis * turn.rotation);
+  // u1 and u2 turn with w = Jr delta.
+  return {world_R_line.col(0),
+          world_R_line.col(1),
+          std::cos(phi),
+          std::sin(phi),
+          -world_R_line * hat(Vector3::UnitX()) * turn.right_jacobian,
+          -world_R_line * hat(Vector3::UnitY()) * turn.right_jacobian};
+}
+
+inline PlueckerPair plucker(const LineChart& chart, const Eigen::Vector4d& line) {
+  const WorldLine world = line_in_world(chart, line);
+  const Matrix3 across = hat(chart.world_t_anchor);
+  const Vector3 turned = across * world.along;
+  PlueckerPair pair;
+  pair.value << world.cosine * world.normal + world.sine * turned, world.sine * world.along;
+  pair.by_line.col(0) << world.cosine * turned - world.sine * world.normal,
+      world.cosine * world.along;
+  pair.by_line.topRightCorner<3, 3>() =
+      world.cosine * world.d_normal + world.sine * (across * world.d_along);
+  pair.by_line.bottomRightCorner<3, 3>() = world.sine * world.d_along;
+  return pair;
+}
 
 /// The line in one camera, up to the common scale of its unit Pluecker pair.
 struct CameraLine {
@@ -94,16 +129,7 @@ class Geometry {
   Eigen::Index columns() const { return kColumns + (timed_ ? 1 : 0); }
 
   WorldLine line_in_world(const State& state) const {
-    const Exponential turn = exponential(state.line.tail<3>());
-    const double phi = chart_.angle + state.line[0];
-    const Matrix3 world_R_line = chart_.world_R_anchor * (chart_.basis * turn.rotation);
-    // u1 and u2 turn with w = Jr delta.
-    return {world_R_line.col(0),
-            world_R_line.col(1),
-            std::cos(phi),
-            std::sin(phi),
-            -world_R_line * hat(Vector3::UnitX()) * turn.right_jacobian,
-            -world_R_line * hat(Vector3::UnitY()) * turn.right_jacobian};
+    return ruledgraph::line_in_world(chart_, state.line);
   }
 
   CameraLine line_in_camera(std::size_t frame, const State& state, const WorldLine& line,
