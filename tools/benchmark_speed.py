@@ -1,0 +1,202 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""How fast the odometry is, and what its time depends on, as Markdown tables and a plot.
+
+    python tools/benchmark_speed.py --out speed [--data DATA]
+
+- `ruledgraph smooth` on a rendered recording of 12 s at 640x480 and 90 Hz, and with --data on 30 s
+  of EuRoC MH_01_easy: wall time with start of the program, reading, decoding and writing, and the
+  peak of its memory;
+- how long after a frame its live pose is there, between knots and at knots;
+- the same recording by the paper's solver, which is one of its baselines;
+- processor time at half the frame rate, and with at most 5 to 60 lines: of MH_01 with --data.
+
+Each figure is the least of so many runs as --repeat says: other work on the machine only adds.
+How time and memory grow over an hour is a matter for tools/soak.py.
+"""
+
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+from typing import TypeVar
+
+import click
+import numpy as np
+
+from benchmark_accuracy import REAL_SLICE, real_recording
+from ruledgraph.config import Config
+from ruledgraph.measurements import Frame, Measurement
+from ruledgraph.paper_solver import PaperOdometry
+from ruledgraph.pipeline import Odometry
+from ruledgraph.recording import open_recording
+from ruledgraph.sensors import Calibration
+from ruledgraph.simulation import simulate
+from ruledgraph.simulation.write import write_simulation
+from ruledgraph.versions import machine_text, version_text
+
+SCENE, MOTION = "noncoplanar_cluttered", "free"
+SECONDS = 12.0
+MOST_LINES = (5, 10, 20, 30, 60)
+
+T = TypeVar("T")
+
+
+def least(run: Callable[[], T], repeat: int, key: Callable[[T], float]) -> T:
+    """The run whose key is the least."""
+    return min((run() for _ in range(repeat)), key=key)
+
+
+def smooth(recording: Path, calibration: Path) -> tuple[float, float]:
+    """Wall time (s) and peak memory (MB) of the command line."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "ruledgraph", "smooth", str(recording)]
+        command += ["--calibration", str(calibration), "--output", f"{folder}/results"]
+        started = time.perf_counter()
+        nowhere = subprocess.DEVNULL
+        process = subprocess.Popen(command, stderr=nowhere, stdout=nowhere)  # noqa: S603 - ours
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode:
+            raise click.ClickException(f"failed: {' '.join(command)}")
+        return time.perf_counter() - started, usage.ru_maxrss / 1024.0
+
+
+def fresh(measurements: Sequence[Measurement]) -> Iterator[Measurement]:
+    """The same with frames that have no gradient yet."""
+    for measurement in measurements:
+        if isinstance(measurement, Frame):
+            yield Frame(measurement.stamp, measurement.image)
+        else:
+            yield measurement
+
+
+def latencies(
+    measurements: Sequence[Measurement], calibration: Calibration
+) -> tuple[list[float], list[float]]:
+    """Seconds that frames between knots and at knots took, once the odometry has started."""
+    odometry = Odometry(calibration)
+    between: list[float] = []
+    at_knots: list[float] = []
+    for measurement in fresh(measurements):
+        started = time.perf_counter()
+        odometry.add(measurement)
+        elapsed = time.perf_counter() - started
+        for estimate in odometry.take_live():
+            (at_knots if estimate.at_knot else between).append(elapsed)
+    return between, at_knots
+
+
+def processor_time(
+    measurements: Sequence[Measurement], odometry: Odometry | PaperOdometry
+) -> tuple[float, float]:
+    """Seconds of all threads, and graph lines in view on average."""
+    lines: list[int] = []
+    started = time.process_time()
+    for measurement in fresh(measurements):
+        odometry.add(measurement)
+        lines += [estimate.lines for estimate in odometry.take_live()]
+    odometry.finish()
+    return time.process_time() - started, float(np.mean(lines or [0]))
+
+
+def with_most_lines(most: int) -> Config:
+    """The default settings but for the number of lines that are followed."""
+    config = Config()
+    return replace(config, edges=replace(config.edges, max_lines=most))
+
+
+def draw(rows: Sequence[tuple[int, float, float]], path: Path) -> None:
+    """Processor time over the number of lines."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 4), layout="constrained")
+    axes = figure.subplots()
+    axes.plot([lines for _, lines, _ in rows], [cost for _, _, cost in rows], "o-")
+    for most, lines, cost in rows:
+        axes.annotate(f"at most {most}", (lines, cost), (6, -10), textcoords="offset points")
+    axes.set(xlabel="graph lines in view", ylabel="processor time per second of recording")
+    axes.set_xlim(left=0.0)
+    axes.set_ylim(bottom=0.0)
+    axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=120)
+
+
+@click.command(help=__doc__)
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="For the plot.")
+@click.option("--data", type=click.Path(exists=True, file_okay=False), help="Recorded data.")
+@click.option("--repeat", default=3, show_default=True, help="Runs of each figure.")
+@click.option("--seconds", default=SECONDS, show_default=True, help="Of the simulations.")
+def main(out: Path, data: str | None, repeat: int, seconds: float) -> None:
+    """Command line."""
+    out.mkdir(parents=True)
+    click.echo(f"{version_text()}\n{machine_text()}, {platform.machine()}, {date.today()}\n")
+    with tempfile.TemporaryDirectory() as folder:
+        simulation = simulate(SCENE, MOTION, duration=seconds)
+        files = write_simulation(simulation, Path(folder) / "simulated.bag", "rosbag1")
+        recordings = {f"simulated, {seconds:g} s": (files.recording, files.calibration)}
+        if data is not None:
+            bag = Path(data) / f"{REAL_SLICE}.bag"
+            recordings["MH_01, 30 s"] = bag, bag.with_suffix(".calib.yaml")
+        measurements = list(open_recording(files.recording).stream())
+        click.echo("| recording | wall time, s | memory, MB |\n|---|---:|---:|")
+        for name, paths in recordings.items():
+            wall, memory = least(lambda p=paths: smooth(*p), repeat, lambda found: found[0])  # type: ignore[misc]
+            click.echo(f"| {name} | {wall:.1f} | {memory:.0f} |")
+
+    calibration = simulation.calibration
+    between, at_knots = least(
+        lambda: latencies(measurements, calibration), repeat, lambda found: sum(found[0])
+    )
+    click.echo("\n| latency, ms | median | p99 | largest |\n|---|---:|---:|---:|")
+    for name, found in (("between knots", between), ("at knots", at_knots)):
+        figures = 1e3 * np.quantile(found, [0.5, 0.99, 1.0])
+        click.echo(f"| {name} | " + " | ".join(f"{figure:.1f}" for figure in figures) + " |")
+
+    def cost(part: Sequence[Measurement], make: Callable[[], Odometry | PaperOdometry]) -> float:
+        return least(lambda: processor_time(part, make())[0], repeat, lambda found: found)
+
+    frames = sum(isinstance(measurement, Frame) for measurement in measurements)
+    ours = cost(measurements, lambda: Odometry(calibration))
+    paper, _ = processor_time(measurements, PaperOdometry(calibration))
+    is_odd = iter(range(2 * frames))
+    half = [m for m in measurements if not isinstance(m, Frame) or next(is_odd) % 2 == 0]
+    halved = cost(half, lambda: Odometry(calibration))
+    click.echo("\n| processor time | a frame, ms | a second, s |\n|---|---:|---:|")
+    for name, seconds_spent, count in (
+        ("factor graph", ours, frames),
+        ("at half the frame rate", halved, frames / 2),
+        ("the paper's solver", paper, frames),
+    ):
+        row = f"{1e3 * seconds_spent / count:.2f} | {seconds_spent / seconds:.2f}"
+        click.echo(f"| {name} | {row} |")
+    click.echo(
+        f"\nthe paper's solver takes {paper / ours:.1f} times as long; "
+        f"twice the frame rate costs {ours / halved:.2f} times as much\n"
+    )
+
+    if data is not None:  # a real room has more lines
+        stream, calibration, _ = real_recording(str(Path(data) / REAL_SLICE), seconds)
+        measurements = list(stream)
+    rows = []
+    click.echo("| lines at most | in view | processor time of a second, s |\n|---:|---:|---:|")
+    for most in MOST_LINES:
+        config = with_most_lines(most)
+        spent, lines = least(
+            lambda c=config: processor_time(measurements, Odometry(calibration, c)),  # type: ignore[misc]
+            repeat,
+            lambda found: found[0],
+        )
+        rows.append((most, lines, spent / seconds))
+        click.echo(f"| {most} | {lines:.1f} | {rows[-1][2]:.2f} |")
+    draw(rows, out / "lines.png")
+
+
+if __name__ == "__main__":
+    main()
