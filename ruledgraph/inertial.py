@@ -3,7 +3,7 @@
 """The IMU samples of the last seconds, and what is not known where there are none."""
 
 import bisect
-import itertools
+from collections import deque
 from collections.abc import Sequence
 
 import gtsam
@@ -37,6 +37,7 @@ class ImuBuffer:
         self._times: list[float] = []
         self._values: list[FloatArray] = []
         self._repeats: list[float] = []
+        self._holes: deque[Doubt] = deque()
         self._range = RangeWatch()
         self.range_news = ""
         """What was found of the sensors' range with the last sample."""
@@ -57,13 +58,18 @@ class ImuBuffer:
         if len(self._repeats) >= _REPEATS:
             hung = self._repeats[-1] - self._times[-1]
         else:
-            self._times += self._repeats
-            self._values += self._values[-1:] * len(self._repeats)
+            for repeated in self._repeats:
+                self._append(repeated, self._values[-1])
         self._repeats.clear()
-        self._times.append(time)
-        self._values.append(value)
+        self._append(time, value)
         self.range_news = self._range.add(time, value)
         return hung
+
+    def _append(self, time: float, value: FloatArray) -> None:
+        if self._times and time - self._times[-1] > _HOLE:
+            self._holes.append(_hole(self._times[-1], time))
+        self._times.append(time)
+        self._values.append(value)
 
     @property
     def latest(self) -> float:
@@ -82,10 +88,11 @@ class ImuBuffer:
 
     def doubts(self, start: float, stop: float) -> list[Doubt]:
         """Where in (start, stop) samples are too far apart, or at the end of the range."""
-        times = self._times[self._part(start, stop)]
-        found = [_hole(*pair) for pair in itertools.pairwise(times) if pair[1] - pair[0] > _HOLE]
-        found += self._range.doubts
-        return [doubt for doubt in found if doubt.stop > start and doubt.start < stop]
+        return [
+            doubt
+            for doubt in (*self._holes, *self._range.doubts)
+            if doubt.stop > start and doubt.start < stop
+        ]
 
     def is_lost(self, time: float) -> bool:
         """Whether it is so long since the last sample that lines are no longer where expected."""
@@ -106,6 +113,8 @@ class ImuBuffer:
         """Drop what is not needed to interpolate at or after `before`."""
         keep = max(bisect.bisect_right(self._times, before) - 2, 0)
         del self._times[:keep], self._values[:keep]
+        while self._holes and self._holes[0].stop < before:
+            self._holes.popleft()
         self._range.forget(before)
 
     def clear(self) -> None:
@@ -113,6 +122,7 @@ class ImuBuffer:
         self._times.clear()
         self._values.clear()
         self._repeats.clear()
+        self._holes.clear()
         self._range.forget(np.inf)
 
 

@@ -153,18 +153,18 @@ class Odometry(Output):
                     f"a frame at {seen.time:.2f} s came after a later one: such are not used",
                 )
             return
+        due = self._is_knot_due(seen.time)
+        segments = None
+        # At a knot it costs little time: the smoother works meanwhile.
+        wanted = seen.time - self._last_detection >= _DETECT_INTERVAL - _EARLY
+        if wanted and (due or self.window is None):
+            self._last_detection = seen.time
+            segments = self._worker.submit(self._detect, frame.image)
         with self._timed("gradient"):
             gradient = frame.gradient
         with self._timed("search"):
             lines = self._follow(seen, gradient)
         self._frames.append(seen)
-        due = self._is_knot_due(seen.time)
-        segments = None
-        # At a knot it costs no time: the smoother works meanwhile.
-        wanted = seen.time - self._last_detection >= _DETECT_INTERVAL - _EARLY
-        if wanted and (due or self.window is None):
-            self._last_detection = seen.time
-            segments = self._worker.submit(self._detect, frame.image)
         at_knot = False
         if self.window is None:
             with self._timed("start"):

@@ -229,7 +229,8 @@ class Window:
             size *= np.sqrt(compressed.weight)
             noise = noiseModel.Robust.Create(noiseModel.mEstimator.Cauchy.Create(size), noise)
         k = interval.knot.index
-        motion = interval.motion.select(index)
+        is_whole = len(index) == len(interval.stamps)
+        motion = interval.motion if is_whole else interval.motion.select(index)
         rest = motion, line.chart, compressed, self._body_T_cam
         if interval.link is None or motion.time_jacobian is None:
             factor = ruled_surface_factor(noise, X(k), V(k), B(k), line.key, *rest)
