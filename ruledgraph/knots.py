@@ -16,6 +16,7 @@ from ruledgraph.sensors import FloatArray
 from ruledgraph.time_offset import OffsetLink, TimeOffset
 from ruledgraph.tracks import Sighting, Track
 from ruledgraph_factors import (
+    NEW_LINE_SIGMAS,
     STANDARD_GRAVITY,
     CompressedPoints,
     FrameMotion,
@@ -25,9 +26,8 @@ from ruledgraph_factors import (
 )
 from ruledgraph_factors.ruled_surface import State
 
-# Prior deviations of a new line's chart. Its plane was seen, and the window is too short to drift
-# by more; left free like `NEW_LINE_SIGMAS`, one bad step carries an outlier where no point pulls.
-NEW_LINE = np.array([1.0, 1.0, 0.05, 0.05])
+# A new line's plane is good to this, rad: it was seen, and not long ago.
+_NEW_PLANE = 0.05
 # How far away a line is, m, and by what factor that may be wrong.
 _DISTANCE, _DISTANCE_FACTOR = 3.0, 4.0
 _GRAVITY = np.array(STANDARD_GRAVITY)
@@ -61,6 +61,10 @@ class Interval:
     link: OffsetLink | None = None
     """The time offset of its frames, when that is estimated."""
     observations: list["Observation"] = field(default_factory=list)
+    judged: int = 0
+    """Lines that were compared with the estimate when the interval was the newest one ..."""
+    misfits: int = 0
+    """... and those of them whose points did not fit."""
     _placed: tuple[gtsam.NavState, list[gtsam.Pose3]] | None = None
 
     @property
@@ -156,9 +160,21 @@ def add_priors(factors: gtsam.NonlinearFactorGraph, knot: Knot, inflation: float
 
 def line_priors(line: GraphLine) -> tuple[gtsam.NonlinearFactor, ...]:
     """What is known of a line before it is looked at from two places."""
-    chart_noise = noiseModel.Diagonal.Sigmas(NEW_LINE)
+    chart_noise = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
     distance_noise = noiseModel.Isotropic.Sigma(1, math.log(_DISTANCE_FACTOR))
     return (
         gtsam.PriorFactorVector(line.key, np.zeros(4), chart_noise),
         line_distance_prior(distance_noise, line.key, line.chart, _DISTANCE),
     )
+
+
+def loosely(seen: Observation) -> RuledSurfaceFactor:
+    """The first observation of a line once more, loose and without a robust loss.
+
+    That gives up points that are far off, and one bad step would carry the line away for good. A
+    prior on its plane would hold it as well, but in the world's frame: with every line that came,
+    place and heading, which nothing shows, would seem better known.
+    """
+    points = seen.points
+    noise = noiseModel.Isotropic.Sigma(points.rows, _NEW_PLANE * math.sqrt(points.weight))
+    return RuledSurfaceFactor(replace(seen.factor.spec, noise_model=noise))

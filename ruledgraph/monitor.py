@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How far estimates may be believed beyond what the window says of them.
 
-Two things the window cannot know: that images and IMU contradict each other, where every factor is
-as certain as its noise figures say; and that lines which are all parallel leave the motion along
-them to the IMU, where marginals of factors that were linearised elsewhere say otherwise.
+Three things the window cannot know: that images and IMU contradict each other, where every factor
+is as certain as its noise figures say; that it is lost, where the robust loss gives up most lines
+and what is left agrees; and that lines which are all parallel leave the motion along them to the
+IMU, where marginals of factors that were linearised elsewhere say otherwise.
 """
 
 from dataclasses import replace
@@ -14,18 +15,24 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
+from ruledgraph.knots import Interval
 from ruledgraph.segments import Covariances, Drift
 from ruledgraph.sensors import FloatArray
 from ruledgraph.timing import Messages
 from ruledgraph.window import Window
 from ruledgraph_factors import STANDARD_GRAVITY
 
-# The IMU factors of so many s are judged, when there are so many.
-_SPAN, _FEWEST = 1.0, 5
-# Twice their error, on average: images and IMU disagree from `_MOST` on, until it is below
-# `_AGREED` again. Were all well it would have 15 degrees of freedom less those that are fitted;
-# real flights reach 17, wrong noise figures 16, stamps that are 20 ms off begin at 50.
-_USUAL, _MOST, _AGREED = 3.0, 25.0, 12.0
+# The intervals of so many s are judged, when there are so many IMU factors, or lines in them.
+_SPAN, _FEWEST, _FEWEST_SEEN = 1.01, 4, 10
+# Twice their error, on average: beyond what is usual, covariances grow with it, and shrink again in
+# so long, s; images and IMU disagree from `_MOST` on, until it is below `_AGREED` again. Were all
+# well it would have 15 degrees of freedom less those that are fitted. Simulated recordings reach 2,
+# real flights 35; of a focal length that is 3 % off it is 90, of stamps that are off 100.
+_USUAL, _FADES, _MOST, _AGREED = 3.0, 5.0, 45.0, 20.0
+# Share of lines that do not fit, likewise: flights reach 0.12, blurred ones 0.28; an estimate that
+# has run away begins at 0.3 and is lost when it stays there for so long, s, or beyond `_LOST`.
+_USUAL_MISFIT, _MOST_MISFIT, _FITTING = 0.1, 0.3, 0.2
+_LOST, _LOST_FOR = 0.5, 1.0
 # Lines are parallel when all but this share of their directions' squares is along one; for so
 # long, s, and no fewer than so many.
 _SPREAD, _PARALLEL_FOR, _FEWEST_LINES = 0.02, 1.0, 2
@@ -46,12 +53,15 @@ class Trust:
         self._drift = drift
         self._warnings = warnings
         self._excess = 1.0
+        self._misfit_since: float | None = None
         self._parallel_since: float | None = None
         self._along = np.zeros(3)
         self._at_first: tuple[float, float] = (0.0, 0.0)
         self._time = 0.0
         self.disagree = False
-        """Whether images and IMU do."""
+        """Whether images and IMU do, or lines and estimate."""
+        self.lost = False
+        """Whether most lines do not fit the estimate."""
 
     @property
     def parallel(self) -> bool:
@@ -61,8 +71,8 @@ class Trust:
 
     def judge(self, window: Window) -> None:
         """Take in the newest knot, optimised."""
-        self._time = window.newest.time
-        self._compare(window)
+        elapsed, self._time = window.newest.time - self._time, window.newest.time
+        self._compare(window, elapsed)
         self._look_at_directions(window)
 
     def covariances(
@@ -75,18 +85,28 @@ class Trust:
 
     # -- images and IMU --------------------------------------------------------------------------
 
-    def _compare(self, window: Window) -> None:
-        errors = imu_errors(window, _SPAN)
-        if len(errors) < _FEWEST:
-            return
-        mean = float(np.mean(errors))
-        if not self.disagree and mean > _MOST:
+    def _compare(self, window: Window, elapsed: float) -> None:
+        errors, misfit = imu_errors(window, _SPAN), misfit_share(window, _SPAN)
+        mean = float(np.mean(errors)) if len(errors) >= _FEWEST else 0.0
+        if misfit < _MOST_MISFIT:
+            self._misfit_since = None
+        elif self._misfit_since is None:
+            self._misfit_since = self._time
+        since = self._misfit_since
+        self.lost = misfit > _LOST or (since is not None and self._time - since >= _LOST_FOR)
+        if not self.disagree and (mean > _MOST or misfit > _MOST_MISFIT):
             self.disagree = True
-            self._warnings.append(
-                f"images and IMU disagree since {self._time:.2f} s: check time offset, extrinsics "
-                "and the IMU's range"
-            )
-        elif self.disagree and mean < _AGREED:
+            if mean > _MOST:
+                self._warnings.append(
+                    f"images and IMU disagree since {self._time:.2f} s: check time offset, "
+                    "extrinsics and the IMU's range"
+                )
+            else:
+                self._warnings.append(
+                    f"{misfit:.0%} of the lines do not fit the estimate at {self._time:.2f} s: it "
+                    "may be lost, or much of the image moves"
+                )
+        elif self.disagree and mean < _AGREED and misfit < _FITTING:
             self.disagree = False
             # What went wrong meanwhile stays.
             knot = window.newest
@@ -94,8 +114,9 @@ class Trust:
             of_pose = knot.covariances[0][3:, 3:] * (self._excess - 1.0)
             self._drift = replace(self._drift, place=self._drift.place + R @ of_pose @ R.T)
             self._excess = 1.0
-        if self.disagree:
-            self._excess = max(self._excess, mean / _USUAL)
+        fading = 1.0 if self.disagree else np.exp(-elapsed / _FADES)
+        excess = max(mean / _USUAL, (misfit / _USUAL_MISFIT) ** 2)
+        self._excess = max(excess, fading * self._excess, 1.0)
 
     # -- parallel lines --------------------------------------------------------------------------
 
@@ -132,7 +153,7 @@ def imu_errors(window: Window, span: float) -> list[float]:
     """Twice the error of the IMU factors of the last `span` s, but for the newest one, which hardly
     anything contradicts yet.
     """
-    intervals = [i for i in window.intervals if i.knot.time >= window.newest.time - span]
+    intervals = _last(window, span)
     values = gtsam.Values()
     for interval in intervals:
         knot = interval.knot
@@ -140,6 +161,18 @@ def imu_errors(window: Window, span: float) -> list[float]:
         values.insert(V(knot.index), knot.state.velocity())
         values.insert(B(knot.index), knot.bias)
     return [2.0 * interval.imu_factors[0].error(values) for interval, _ in pairwise(intervals)]
+
+
+def misfit_share(window: Window, span: float) -> float:
+    """Share of the lines of the last `span` s that did not fit; 0 if there were too few."""
+    intervals = _last(window, span)
+    judged = sum(interval.judged for interval in intervals)
+    misfits = sum(interval.misfits for interval in intervals)
+    return misfits / judged if judged >= _FEWEST_SEEN else 0.0
+
+
+def _last(window: Window, span: float) -> list[Interval]:
+    return [i for i in window.intervals if i.knot.time >= window.newest.time - span]
 
 
 def directions_in_view(window: Window) -> FloatArray:

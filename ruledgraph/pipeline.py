@@ -37,6 +37,7 @@ _DETECT_INTERVAL = 0.1
 _FEWEST_LINES, _LINES_MISSING = 2, 0.3
 # Measurements are kept this much longer than the window, s.
 _SPARE = 0.5
+_RAN_AWAY = "the estimate ran away"
 
 
 class _Seen(NamedTuple):
@@ -176,10 +177,9 @@ class Odometry(Output):
             at_knot = True
             if self._trial is not None and not self._passes(self._trial, self.window, seen.time):
                 return
-            if not self.window.is_plausible():
-                self.warnings.append(
-                    f"the estimate ran away at {seen.time:.2f} s: a new segment begins"
-                )
+            if self._trust.lost or not self.window.is_plausible():
+                why = "most lines do not fit the estimate" if self._trust.lost else _RAN_AWAY
+                self.warnings.append(f"{why} at {seen.time:.2f} s: a new segment begins")
                 self._end_segment()
                 return
         if self.window is not None:
@@ -317,8 +317,8 @@ class Odometry(Output):
     def _passes(self, trial: Trial, window: Window, time: float) -> bool:
         """Go on with a start in motion, or take it back."""
         passed = trial.passed(window)
-        if trial.trouble or not window.is_plausible():
-            trouble = trial.trouble or "the estimate ran away"
+        if trial.trouble or self._trust.lost or not window.is_plausible():
+            trouble = trial.trouble or ("its lines do not fit" if self._trust.lost else _RAN_AWAY)
             self.warnings.append(
                 f"the start in motion before {time:.2f} s is taken back: {trouble}"
             )

@@ -14,7 +14,6 @@ from gtsam.symbol_shorthand import B, L, V, X
 from ruledgraph.config import Config
 from ruledgraph.inertial import ImuBuffer, params_across
 from ruledgraph.knots import (
-    NEW_LINE,
     Interval,
     Knot,
     Observation,
@@ -22,6 +21,7 @@ from ruledgraph.knots import (
     add_priors,
     insert_state,
     line_priors,
+    loosely,
 )
 from ruledgraph.lines import GraphLine
 from ruledgraph.sensors import Calibration
@@ -53,6 +53,10 @@ _FASTEST, _WORST_GYROSCOPE, _WORST_ACCELEROMETER = 50.0, 0.5, 3.0
 # A line this far (rad) from where its factors are linearised gets a new variable, tied to the old
 # one this closely.
 _MOVED, _SAME_LINE = 0.05, 1e-4
+# ... or at most so.
+_LOOSEST = np.array([1.0, 1.0, 0.05, 0.05])
+# What is known of a new line until the smoother says it.
+_NEW_LINE = np.diag([0.1, 0.1, 2.5e-4, 2.5e-4])
 # Lines whose covariance is computed anew at a knot; each takes as long as ten factors.
 _COVARIANCES = 4
 # Where a window is rebuilt its first state is trusted this much less than it said.
@@ -275,7 +279,7 @@ class Window:
             chart=chart,
             delta=delta,
             linearized=delta,
-            covariance=np.diag(NEW_LINE**2) * 0.1,
+            covariance=_NEW_LINE,
             first_stamp=seen[0][0].stamps[seen[0][1][0]],
             last_stamp=0,
             last_time=self.newest.time,
@@ -287,6 +291,8 @@ class Window:
             self._new_factors.add(prior)
         for interval, _, _ in seen:
             self._observe(interval, line)
+        if seen:
+            self._new_factors.add(loosely(seen[0][0].observations[-1]))
 
     def _reanchor(self, line: GraphLine) -> None:
         """A new chart at the current estimate, under a new key that is tied to the old one.
@@ -299,7 +305,7 @@ class Window:
         # leaves out what is of second order, in the plane's as products with the direction's.
         turns = np.sqrt(np.diag(line.covariance)[1:])
         left_out = np.concatenate([[0.0], turns[0] * turns])
-        noise = noiseModel.Diagonal.Sigmas(np.minimum(_SAME_LINE + left_out, NEW_LINE))
+        noise = noiseModel.Diagonal.Sigmas(np.minimum(_SAME_LINE + left_out, _LOOSEST))
         anchor = line.chart.world_T_anchor
         try:
             factor, chart = same_line_factor(noise, old_key, key, line.chart, line.delta, anchor)
@@ -406,8 +412,11 @@ class Window:
                 continue  # it was just re-anchored, or dropped
             value = factor.evaluate(at_knot._replace(line=line.delta), False).value
             off = math.sqrt(float(value @ value) / points.weight) * self._focal
+            misses = off > _BAD_MISFIT
+            interval.judged += 1
+            interval.misfits += misses
             inverse, sigma = line.inverse_distance()
-            bad = off > _BAD_MISFIT or inverse < -2.0 * sigma - 0.01
+            bad = misses or inverse < -2.0 * sigma - 0.01
             line.bad_knots = line.bad_knots + 1 if bad else 0
             if line.bad_knots >= _BAD_KNOTS:
                 line.track.give_up()
@@ -450,10 +459,13 @@ class Window:
         for interval in self.intervals:
             for factor in interval.imu_factors:
                 factors.add(factor)
-            for line, line_factor, _, _ in interval.observations:
+            for seen in interval.observations:
+                line = seen.line
                 # Factors on the key a line had before it was re-anchored stay out.
-                if id(line) in current and line.key == line_factor.spec.keys[-1]:
-                    factors.add(line_factor)
+                if id(line) in current and line.key == seen.factor.spec.keys[-1]:
+                    factors.add(seen.factor)
+                    if line.key not in used:
+                        factors.add(loosely(seen))
                     used[line.key] = line
         for key, line in used.items():
             values.insert(key, line.delta)

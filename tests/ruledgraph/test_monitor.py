@@ -95,3 +95,30 @@ def test_parallel_lines_leave_the_motion_along_them_open():
     assert np.sqrt(values[-1]) > 0.05
     assert values[1] < 1e-9
     assert abs(vectors[:, -1] @ along) > 0.98
+
+
+@pytest.mark.parametrize(
+    ("misfits", "disagree", "lost"), [(1, False, False), (4, True, False), (6, True, True)]
+)
+def test_lines_that_do_not_fit_are_told(misfits, disagree, lost):
+    window, trust, warnings = run()
+    for interval in window.intervals:
+        interval.judged, interval.misfits = 10, misfits
+    trust.judge(window)
+    assert (trust.disagree, trust.lost) == (disagree, lost)
+    assert len(warnings) == disagree
+    assert not disagree or "of the lines do not fit the estimate" in warnings[0]
+    # One in ten is usual.
+    assert (shown(window, trust).diagonal() > 0.0).all() == disagree
+
+
+def test_lines_that_do_not_fit_for_long_are_those_of_a_lost_estimate():
+    window, trust, warnings = run()
+    for interval in window.intervals:
+        interval.judged, interval.misfits = 10, 4
+    trust.judge(window)
+    window.newest.time += 1.0
+    window.intervals[-1].knot.time += 1.0
+    trust.judge(window)
+    assert trust.lost
+    assert len(warnings) == 1
