@@ -22,7 +22,7 @@ from ruledgraph_factors import (
     FrameMotion,
     LineChart,
     RuledSurfaceFactor,
-    line_distance_prior,
+    line_distance_factor,
 )
 from ruledgraph_factors.ruled_surface import State
 
@@ -158,23 +158,21 @@ def add_priors(factors: gtsam.NonlinearFactorGraph, knot: Knot, inflation: float
     factors.addPriorConstantBias(B(knot.index), knot.bias, bias)
 
 
-def line_priors(line: GraphLine) -> tuple[gtsam.NonlinearFactor, ...]:
-    """What is known of a line before it is looked at from two places."""
+def of_new_line(seen: Observation) -> tuple[gtsam.NonlinearFactor, ...]:
+    """What is known of a line before it is looked at from two places, by its first observation.
+
+    It is all said of the line as seen from that knot, but for a wide prior on its chart. Priors in
+    the world's frame would do as well for the line; but with every line that came, place and
+    heading, which nothing shows, would seem better known, and be drawn to where the priors fit.
+    """
+    line, spec, points = seen.line, seen.factor.spec, seen.points
     chart_noise = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
     distance_noise = noiseModel.Isotropic.Sigma(1, math.log(_DISTANCE_FACTOR))
+    # The robust loss gives up points that are far off, and one bad step would carry the line away
+    # for good: its points once more, loose and without that loss.
+    loose = noiseModel.Isotropic.Sigma(points.rows, _NEW_PLANE * math.sqrt(points.weight))
     return (
         gtsam.PriorFactorVector(line.key, np.zeros(4), chart_noise),
-        line_distance_prior(distance_noise, line.key, line.chart, _DISTANCE),
+        line_distance_factor(distance_noise, spec.keys[0], line.key, line.chart, _DISTANCE),
+        RuledSurfaceFactor(replace(spec, noise_model=loose)),
     )
-
-
-def loosely(seen: Observation) -> RuledSurfaceFactor:
-    """The first observation of a line once more, loose and without a robust loss.
-
-    That gives up points that are far off, and one bad step would carry the line away for good. A
-    prior on its plane would hold it as well, but in the world's frame: with every line that came,
-    place and heading, which nothing shows, would seem better known.
-    """
-    points = seen.points
-    noise = noiseModel.Isotropic.Sigma(points.rows, _NEW_PLANE * math.sqrt(points.weight))
-    return RuledSurfaceFactor(replace(seen.factor.spec, noise_model=noise))

@@ -9,7 +9,6 @@ IMU, where marginals of factors that were linearised elsewhere say otherwise.
 """
 
 from dataclasses import replace
-from itertools import pairwise
 
 import gtsam
 import numpy as np
@@ -22,8 +21,9 @@ from ruledgraph.timing import Messages
 from ruledgraph.window import Window
 from ruledgraph_factors import STANDARD_GRAVITY
 
-# The intervals of so many s are judged, when there are so many IMU factors, or lines in them.
-_SPAN, _FEWEST, _FEWEST_SEEN = 1.01, 4, 10
+# The intervals of so many s are judged, but no fewer than so many; and so many lines in them, or
+# nothing is concluded.
+_SPAN, _FEWEST, _FEWEST_SEEN = 1.01, 5, 10
 # Twice their error, on average: beyond what is usual, covariances grow with it, and shrink again in
 # so long, s; images and IMU disagree from `_MOST` on, until it is below `_AGREED` again. Were all
 # well it would have 15 degrees of freedom less those that are fitted. Simulated recordings reach 2,
@@ -37,6 +37,7 @@ _LOST, _LOST_FOR = 0.5, 1.0
 # long, s, and no fewer than so many.
 _SPREAD, _PARALLEL_FOR, _FEWEST_LINES = 0.02, 1.0, 2
 _G = -STANDARD_GRAVITY[2]
+_UP = np.array([0.0, 0.0, 1.0])
 
 
 class Trust:
@@ -53,6 +54,7 @@ class Trust:
         self._drift = drift
         self._warnings = warnings
         self._excess = 1.0
+        self._contradiction = False
         self._misfit_since: float | None = None
         self._parallel_since: float | None = None
         self._along = np.zeros(3)
@@ -62,6 +64,11 @@ class Trust:
         """Whether images and IMU do, or lines and estimate."""
         self.lost = False
         """Whether most lines do not fit the estimate."""
+
+    @property
+    def misfits(self) -> bool:
+        """Whether too many lines do not fit the estimate."""
+        return self._misfit_since is not None
 
     @property
     def parallel(self) -> bool:
@@ -86,37 +93,45 @@ class Trust:
     # -- images and IMU --------------------------------------------------------------------------
 
     def _compare(self, window: Window, elapsed: float) -> None:
-        errors, misfit = imu_errors(window, _SPAN), misfit_share(window, _SPAN)
-        mean = float(np.mean(errors)) if len(errors) >= _FEWEST else 0.0
-        if misfit < _MOST_MISFIT:
-            self._misfit_since = None
-        elif self._misfit_since is None:
-            self._misfit_since = self._time
-        since = self._misfit_since
-        self.lost = misfit > _LOST or (since is not None and self._time - since >= _LOST_FOR)
-        if not self.disagree and (mean > _MOST or misfit > _MOST_MISFIT):
-            self.disagree = True
-            if mean > _MOST:
+        excess = [1.0]
+        if (error := imu_error(window)) is not None:
+            excess.append(error / _USUAL)
+            if error > _MOST and not self._contradiction:
                 self._warnings.append(
                     f"images and IMU disagree since {self._time:.2f} s: check time offset, "
                     "extrinsics and the IMU's range"
                 )
-            else:
+            self._contradiction = error > (_AGREED if self._contradiction else _MOST)
+        if (misfit := misfit_share(window)) is not None:
+            excess.append((misfit / _USUAL_MISFIT) ** 2)
+            if misfit > _MOST_MISFIT and self._misfit_since is None:
+                self._misfit_since = self._time
                 self._warnings.append(
                     f"{misfit:.0%} of the lines do not fit the estimate at {self._time:.2f} s: it "
                     "may be lost, or much of the image moves"
                 )
-        elif self.disagree and mean < _AGREED and misfit < _FITTING:
-            self.disagree = False
+            elif misfit < _FITTING:
+                self._misfit_since = None
+            self.lost = misfit > _LOST
+        since = self._misfit_since
+        self.lost |= since is not None and self._time - since >= _LOST_FOR
+        disagreed, self.disagree = self.disagree, self._contradiction or since is not None
+        if disagreed and not self.disagree:
             # What went wrong meanwhile stays.
             knot = window.newest
             R = knot.state.attitude().matrix()
-            of_pose = knot.covariances[0][3:, 3:] * (self._excess - 1.0)
-            self._drift = replace(self._drift, place=self._drift.place + R @ of_pose @ R.T)
+            of_pose = R @ knot.covariances[0][3:, 3:] @ R.T
+            up = R.T @ _UP
+            of_heading = float(up @ knot.covariances[0][:3, :3] @ up)
+            more = self._excess - 1.0
+            self._drift = Drift(
+                self._drift.place + more * of_pose,
+                self._drift.heading + more * of_heading,
+                knot.state.position(),
+            )
             self._excess = 1.0
         fading = 1.0 if self.disagree else np.exp(-elapsed / _FADES)
-        excess = max(mean / _USUAL, (misfit / _USUAL_MISFIT) ** 2)
-        self._excess = max(excess, fading * self._excess, 1.0)
+        self._excess = max(*excess, fading * self._excess)
 
     # -- parallel lines --------------------------------------------------------------------------
 
@@ -133,7 +148,7 @@ class Trust:
         self._along = vectors[:, -1]
         if self._parallel_since is None:
             self._parallel_since = self._time
-            of_pose, of_velocity, of_bias = window.newest.covariances
+            of_pose, of_velocity, of_bias = (self._excess * c for c in window.newest.covariances)
             speed = float(self._along @ of_velocity @ self._along)
             tilt = float(np.trace(of_pose[:3, :3])) / 2.0
             force = float(np.linalg.eigvalsh(of_bias[:3, :3])[-1]) + _G**2 * tilt
@@ -149,30 +164,34 @@ class Trust:
         return variance * np.outer(self._along, self._along)
 
 
-def imu_errors(window: Window, span: float) -> list[float]:
-    """Twice the error of the IMU factors of the last `span` s, but for the newest one, which hardly
-    anything contradicts yet.
+def imu_error(window: Window) -> float | None:
+    """Twice the error of the last IMU factors, on average, but for the newest one, which hardly
+    anything contradicts yet; None if there are too few.
     """
-    intervals = _last(window, span)
+    intervals = _last(window)
+    if len(intervals) < _FEWEST:
+        return None
     values = gtsam.Values()
     for interval in intervals:
         knot = interval.knot
         values.insert(X(knot.index), knot.state.pose())
         values.insert(V(knot.index), knot.state.velocity())
         values.insert(B(knot.index), knot.bias)
-    return [2.0 * interval.imu_factors[0].error(values) for interval, _ in pairwise(intervals)]
+    errors = [interval.imu_factors[0].error(values) for interval in intervals[:-1]]
+    return 2.0 * float(np.mean(errors))
 
 
-def misfit_share(window: Window, span: float) -> float:
-    """Share of the lines of the last `span` s that did not fit; 0 if there were too few."""
-    intervals = _last(window, span)
+def misfit_share(window: Window) -> float | None:
+    """Share of the last intervals' lines that did not fit; None if there are too few."""
+    intervals = _last(window)
     judged = sum(interval.judged for interval in intervals)
     misfits = sum(interval.misfits for interval in intervals)
-    return misfits / judged if judged >= _FEWEST_SEEN else 0.0
+    return misfits / judged if judged >= _FEWEST_SEEN else None
 
 
-def _last(window: Window, span: float) -> list[Interval]:
-    return [i for i in window.intervals if i.knot.time >= window.newest.time - span]
+def _last(window: Window) -> list[Interval]:
+    recent = [i for i in window.intervals if i.knot.time >= window.newest.time - _SPAN]
+    return list(window.intervals)[-max(len(recent), _FEWEST) :]
 
 
 def directions_in_view(window: Window) -> FloatArray:

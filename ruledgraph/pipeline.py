@@ -385,7 +385,7 @@ class Odometry(Output):
         """Time the frames to come by what is known of the offset, once a start has held."""
         calibrated = self.calibration.time_offset
         self.time_offset = offset.moved(calibrated)
-        if self._trial is not None:
+        if self._trial is not None or self._trust.disagree:
             return
         if message := concern(self._intake.correction, offset, calibrated):
             self.warnings.once("time offset", message)
@@ -416,13 +416,15 @@ class Odometry(Output):
             segment=self._segment,
             time_offset=self.time_offset,
         )
-        self._last = Ended(seen.time, pose, velocity, covariances)
+        if not self._trust.misfits:  # else it may be lost since then
+            self._last = Ended(seen.time, pose, velocity, covariances)
         (self._live if self._trial is None else self._held).append(estimate)
         self._live_by_stamp[seen.stamp] = estimate
 
     def _hand_out(self, window: Window, interval: Interval) -> None:
         """The smoothed estimates of an interval's frames, and of the window's first frame."""
         knot = interval.knot
+        otherwise: Status = "doubtful" if self._trust.disagree else "tracking"
         stamps, poses = interval.stamps[interval.again :], interval.poses()[interval.again :]
         if knot.index == 0:
             stamps, poses = [window.first_stamp, *stamps], [knot.state.pose(), *poses]
@@ -437,7 +439,7 @@ class Odometry(Output):
                     bias=knot.bias,
                     covariances=live.covariances if live else covariances,
                     lines=live.lines if live else 0,
-                    status=live.status if live else "tracking",
+                    status=live.status if live else otherwise,
                     at_knot=stamp == interval.stamps[-1],
                     segment=self._segment,
                     time_offset=live.time_offset if live else self.time_offset,

@@ -77,7 +77,8 @@ def triangulate(
     )
     inverse, slope = chart.inverse_distance(delta)
     basis = gtsam.Rot3(chart.basis).retract(delta[1:]).matrix()
-    recentred = LineChart(anchor, basis, chart.angle + delta[0])
+    angle = chart.angle + delta[0]
+    recentred = LineChart(anchor, basis, angle - np.pi * np.round(angle / np.pi))
     sigma = float(np.sqrt(slope @ np.linalg.solve(hessian, slope)))
     return LineFit(recentred, inverse, sigma, deviation * float(np.sqrt(cost / points.weight)))
 
@@ -146,7 +147,7 @@ def _descend(delta: FloatArray, problem: _Problem) -> tuple[FloatArray, float, F
         step *= min(1.0, _LONGEST_STEP / float(np.linalg.norm(step) + 1e-12))
         tried = problem.linearize(delta + step)
         gained = cost - tried[0]
-        if gained <= 0.0:
+        if not gained > 0.0:
             damping *= 10.0
             continue
         delta, damping = delta + step, 0.2 * damping

@@ -20,8 +20,7 @@ from ruledgraph.knots import (
     Start,
     add_priors,
     insert_state,
-    line_priors,
-    loosely,
+    of_new_line,
 )
 from ruledgraph.lines import GraphLine
 from ruledgraph.sensors import Calibration
@@ -50,11 +49,8 @@ _JUMP, _VELOCITY_JUMP = 1.0, 3.0
 _STILL_VELOCITY, _MID_REST = 0.005, 0.2
 # Beyond these the estimate has run away: m/s, and biases in rad/s and m/s^2.
 _FASTEST, _WORST_GYROSCOPE, _WORST_ACCELEROMETER = 50.0, 0.5, 3.0
-# A line this far (rad) from where its factors are linearised gets a new variable, tied to the old
-# one this closely.
-_MOVED, _SAME_LINE = 0.05, 1e-4
-# ... or at most so.
-_LOOSEST = np.array([1.0, 1.0, 0.05, 0.05])
+# A line this far (rad) from where its factors are linearised gets a new variable.
+_MOVED = 0.1
 # What is known of a new line until the smoother says it.
 _NEW_LINE = np.diag([0.1, 0.1, 2.5e-4, 2.5e-4])
 # Lines whose covariance is computed anew at a knot; each takes as long as ten factors.
@@ -253,7 +249,9 @@ class Window:
         """Give a track a variable, with factors in all intervals that saw it."""
         seen = [(interval, *interval.seen(track)) for interval in self.intervals]
         seen = [s for s in seen if s[1]]
-        known = self._known_lines.pop(track.number, None) if seen else None
+        if not seen:
+            return
+        known = self._known_lines.pop(track.number, None)
         if known is not None:
             chart, delta = known
         else:
@@ -287,12 +285,10 @@ class Window:
         self._lines_so_far += 1
         self.lines[track.number] = line
         self._new_values.insert(line.key, delta)
-        for prior in line_priors(line):
-            self._new_factors.add(prior)
         for interval, _, _ in seen:
             self._observe(interval, line)
-        if seen:
-            self._new_factors.add(loosely(seen[0][0].observations[-1]))
+        for factor in of_new_line(seen[0][0].observations[-1]):
+            self._new_factors.add(factor)
 
     def _reanchor(self, line: GraphLine) -> None:
         """A new chart at the current estimate, under a new key that is tied to the old one.
@@ -301,11 +297,11 @@ class Window:
         that was not seen from two places by then would keep a depth of which nothing was known.
         """
         old_key, key = line.key, L(self._lines_so_far)
-        # The tie is linear. With the same anchor that is exact for the distance; of the turns it
-        # leaves out what is of second order, in the plane's as products with the direction's.
-        turns = np.sqrt(np.diag(line.covariance)[1:])
-        left_out = np.concatenate([[0.0], turns[0] * turns])
-        noise = noiseModel.Diagonal.Sigmas(np.minimum(_SAME_LINE + left_out, _LOOSEST))
+        # The marginal that fixed the old variable knows it where it was linearised. Here, as far
+        # from there as it has moved, what it leaves open (place and heading) looks a little
+        # different: a tie closer than that would make it known, and tear at it.
+        moved = float(np.abs(line.delta - line.linearized).max())
+        noise = noiseModel.Isotropic.Sigma(4, moved)
         anchor = line.chart.world_T_anchor
         try:
             factor, chart = same_line_factor(noise, old_key, key, line.chart, line.delta, anchor)
@@ -465,12 +461,11 @@ class Window:
                 if id(line) in current and line.key == seen.factor.spec.keys[-1]:
                     factors.add(seen.factor)
                     if line.key not in used:
-                        factors.add(loosely(seen))
+                        for factor in of_new_line(seen):
+                            factors.add(factor)
                     used[line.key] = line
         for key, line in used.items():
             values.insert(key, line.delta)
             times[key] = line.last_time
-            for prior in line_priors(line):
-                factors.add(prior)
         self.lines = {n: line for n, line in self.lines.items() if line.key in used}
         return factors, values, times

@@ -5,7 +5,6 @@
 Needs gtsam and numpy alone. `EMBEDDING.md` beside this package is the guide.
 """
 
-from ruledgraph_factors.distance_prior import line_distance_prior
 from ruledgraph_factors.errors import DegenerateWindowError, FactorError
 from ruledgraph_factors.factor import (
     RuledSurfaceFactor,
@@ -18,6 +17,7 @@ from ruledgraph_factors.factor import (
 from ruledgraph_factors.first_window import LineTrack, WindowSolution, solve_first_window
 from ruledgraph_factors.kernel import active_kernel
 from ruledgraph_factors.line import LineChart
+from ruledgraph_factors.line_distance import line_distance_factor
 from ruledgraph_factors.motion import (
     STANDARD_GRAVITY,
     FrameMotion,
@@ -47,7 +47,7 @@ __all__ = [
     "WindowSolution",
     "active_kernel",
     "bin_points",
-    "line_distance_prior",
+    "line_distance_factor",
     "line_from_ruling",
     "preintegrate_frames",
     "ruled_surface_factor",

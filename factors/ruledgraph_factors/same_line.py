@@ -30,7 +30,9 @@ def same_line_factor(
     leave the window with all it knows.
 
     Args:
-        noise_model: of dimension 4.
+        noise_model: of dimension 4, as loose as the estimate has moved since the old variable was
+            fixed (rad). What its marginal leaves open, place and heading of the whole, looks that
+            much different here; a closer tie makes it known where it is not, and tears at it.
         line_key: Vector4, in `chart`.
         new_line_key: Vector4, in the new chart.
         chart: of the old variable.

@@ -101,6 +101,7 @@ def test_segments_agree(by_both: ByBoth) -> None:
         imu = ImuSamples(times, rng.normal(size=(40, 3)), rng.normal(size=(40, 3)))
         start, stop = np.sort(rng.uniform(times[0], times[-1], size=2))
         bias = gtsam.imuBias.ConstantBias(rng.normal(size=3), rng.normal(size=3))
+        stop = start if seed == 0 else stop
         at = [start, stop, times[20], stop + 1.0, *rng.uniform(start, stop, size=seed % 5)]
         native, numpy = by_both(
             lambda imu=imu, a=start, b=stop, at=at, bias=bias: list(imu.segments(a, b, at, bias))
@@ -108,8 +109,8 @@ def test_segments_agree(by_both: ByBoth) -> None:
         assert len(native) == len(numpy)
         for ours, reference in zip(native, numpy, strict=True):
             assert ours.dt == reference.dt
-            np.testing.assert_allclose(ours.accelerometer, reference.accelerometer, atol=BOUND)
-            np.testing.assert_allclose(ours.gyroscope, reference.gyroscope, atol=BOUND)
+            np.testing.assert_allclose(ours.accelerometer, reference.accelerometer, 0, BOUND)
+            np.testing.assert_allclose(ours.gyroscope, reference.gyroscope, 0, BOUND)
 
 
 @needs_native

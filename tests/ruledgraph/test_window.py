@@ -11,7 +11,8 @@ from gtsam.symbol_shorthand import L, X
 from ideal_tracks import CALIBRATION, MANY, IdealTracks, error_of, ideal_tracks, sighting
 from ruledgraph.config import Config, load_config
 from ruledgraph.inertial import ImuBuffer
-from ruledgraph.knots import Interval, Start, loosely
+from ruledgraph.knots import Interval, Start, of_new_line
+from ruledgraph.lines import GraphLine
 from ruledgraph.smoother import FixedLagSmoother, SmootherError
 from ruledgraph.triangulate import triangulate
 from ruledgraph.window import Window
@@ -261,24 +262,50 @@ def test_lines_that_rested_find_their_depth_when_the_camera_moves(seed):
     assert max(off) < 0.15
 
 
-def test_what_holds_a_new_line_says_nothing_of_place_and_heading():
+def test_new_lines_say_next_to_nothing_of_place_and_heading():
     """Else both would seem better known with every line that comes."""
     made = ideal_tracks(1, hand_held(np.random.default_rng(1)))
     window, _ = run_window(made, Config())
-    moved = gtsam.Pose3(gtsam.Rot3.Yaw(0.1), np.array([0.2, -0.1, 0.3]))
+    step = 1e-4
     for interval in window.intervals:
         for seen in interval.observations:
-            factor, state = loosely(seen), interval.state(seen.line.delta)
-            moment, direction = np.split(seen.line.plucker[0], 2)
-            direction = moved.rotation().rotate(direction)
-            moment = moved.rotation().rotate(moment) + np.cross(moved.translation(), direction)
-            elsewhere = state._replace(
-                world_T_body=moved.matrix() @ state.world_T_body,
-                velocity=moved.rotation().rotate(state.velocity),
-                line=factor.spec.chart.local(moment, direction),
-            )
-            here, there = factor.evaluate(state, False), factor.evaluate(elsewhere, False)
-            np.testing.assert_allclose(np.abs(there.value), np.abs(here.value), atol=1e-9)
+            state, line = interval.state(seen.line.delta), seen.line
+            pose, keys = gtsam.Pose3(state.world_T_body), seen.factor.spec.keys
+            values = gtsam.Values()
+            values.insert(keys[0], pose)
+            values.insert(keys[1], state.velocity)
+            values.insert(keys[2], interval.knot.bias)
+            values.insert(keys[3], line.delta)
+            # Turned about the vertical and shifted, all together.
+            moves = [gtsam.Pose3(gtsam.Rot3.Yaw(step), np.zeros(3))]
+            moves += [gtsam.Pose3(gtsam.Rot3(), shift) for shift in step * np.eye(3)]
+            changes = [
+                {
+                    keys[0]: pose.localCoordinates(moved * pose),
+                    keys[1]: moved.rotation().rotate(state.velocity) - state.velocity,
+                    keys[2]: np.zeros(6),
+                    keys[3]: _moved(line, moved) - line.delta,
+                }
+                for moved in moves
+            ]
+            information = np.zeros((4, 4))
+            for factor in of_new_line(seen):
+                linear = factor.linearize(values)
+                order = linear.keys()
+                by_all = [np.concatenate([change[key] for key in order]) for change in changes]
+                jacobian = linear.jacobian()[0] @ np.stack(by_all, axis=1) / step
+                information += jacobian.T @ jacobian
+            # The direction's prior alone: 1 rad. Of place that on the distance's angle, which is
+            # 1 at a metre.
+            assert information[0, 0] < 2.0
+            assert np.trace(information[1:, 1:]) < 2.0
+
+
+def _moved(line: GraphLine, by: gtsam.Pose3) -> np.ndarray:
+    moment, direction = np.split(line.plucker[0], 2)
+    direction = by.rotation().rotate(direction)
+    moment = by.rotation().rotate(moment) + np.cross(by.translation(), direction)
+    return line.chart.local(moment, direction)
 
 
 def test_an_indeterminate_system_is_solved_by_careful_steps_and_nothing_is_lost(monkeypatch):
