@@ -349,3 +349,46 @@ def test_a_start_on_moving_things_is_taken_back(monkeypatch):
     assert len(live) > 20
     assert [e.stamp for e in live] == sorted({e.stamp for e in live})
     assert ate(live, small_simulation(moving=True)) < 0.03
+
+
+def mirrored(measurements, after: float):
+    """From so many s on the images are mirrored: they move against what the IMU feels."""
+    start = frames(measurements)[0].stamp
+    for measurement in measurements:
+        if isinstance(measurement, Frame) and measurement.stamp > start + after * 1e9:
+            image = np.ascontiguousarray(measurement.image[:, ::-1])
+            yield Frame(measurement.stamp, image)
+        else:
+            yield measurement
+
+
+def test_lines_that_contradict_the_imu_are_told_and_doubted():
+    measurements, calibration = small_stream(seed=1)
+    odometry, live = Odometry(calibration), []
+    for measurement in mirrored(measurements, 2.5):
+        odometry.add(measurement)
+        live += odometry.take_live()
+    assert any("of the lines do not fit the estimate" in warning for warning in odometry.warnings)
+    assert sum(e.status == "doubtful" for e in live) > 5
+    before = [e for e in live if e.stamp < frames(measurements)[0].stamp + 2.4e9]
+    assert all(e.status != "doubtful" for e in before)
+    ratio = np.trace(live[-1].covariances[0][3:, 3:]) / np.trace(before[-1].covariances[0][3:, 3:])
+    assert ratio > 100.0
+
+
+def test_a_lost_estimate_ends_its_segment_where_it_was_last_believed(monkeypatch):
+    monkeypatch.setattr("ruledgraph.monitor._LOST", 0.4)
+    measurements, calibration = small_stream(seed=1)
+    odometry, live, smoothed = Odometry(calibration), [], []
+    for measurement in mirrored(measurements, 2.5):
+        odometry.add(measurement)
+        live += odometry.take_live()
+        smoothed += odometry.take_smoothed()
+        if odometry.window is None and live:
+            break
+    assert "most lines do not fit the estimate" in odometry.warnings[-1]
+    smoothed += odometry.take_smoothed()
+    assert smoothed[-1].status == "doubtful"
+    believed = [e for e in live if e.status != "doubtful"]
+    assert odometry._last is not None
+    assert odometry._last.pose.equals(believed[-1].world_T_body, 1e-9)
