@@ -30,7 +30,7 @@ _SPAN, _FEWEST, _FEWEST_SEEN = 1.01, 5, 10
 # real flights 35; of a focal length that is 3 % off it is 90, of stamps that are off 100.
 _USUAL, _FADES, _MOST, _AGREED = 3.0, 5.0, 45.0, 20.0
 # Share of lines that do not fit, likewise: flights reach 0.12, blurred ones 0.28; an estimate that
-# has run away begins at 0.3 and is lost when it stays there for so long, s, or beyond `_LOST`.
+# has run away begins at 0.3 and is lost when it is there for so long, s, or beyond `_LOST`.
 _USUAL_MISFIT, _MOST_MISFIT, _FITTING = 0.1, 0.3, 0.2
 _LOST, _LOST_FOR = 0.5, 1.0
 # Lines are parallel when all but this share of their directions' squares is along one; for so
@@ -55,6 +55,7 @@ class Trust:
         self._warnings = warnings
         self._excess = 1.0
         self._contradiction = False
+        self._misfit = 0.0
         self._misfit_since: float | None = None
         self._parallel_since: float | None = None
         self._along = np.zeros(3)
@@ -112,9 +113,10 @@ class Trust:
                 )
             elif misfit < _FITTING:
                 self._misfit_since = None
-            self.lost = misfit > _LOST
+            self._misfit = misfit
         since = self._misfit_since
-        self.lost |= since is not None and self._time - since >= _LOST_FOR
+        is_long = since is not None and self._time - since >= _LOST_FOR
+        self.lost = self._misfit > (_MOST_MISFIT if is_long else _LOST)
         disagreed, self.disagree = self.disagree, self._contradiction or since is not None
         if disagreed and not self.disagree:
             # What went wrong meanwhile stays.
@@ -124,10 +126,12 @@ class Trust:
             up = R.T @ _UP
             of_heading = float(up @ knot.covariances[0][:3, :3] @ up)
             more = self._excess - 1.0
+            before, here = self._drift, knot.state.position()
+            arm = np.cross(_UP, here - before.about)
             self._drift = Drift(
-                self._drift.place + more * of_pose,
-                self._drift.heading + more * of_heading,
-                knot.state.position(),
+                before.place + before.heading * np.outer(arm, arm) + more * of_pose,
+                before.heading + more * of_heading,
+                here,
             )
             self._excess = 1.0
         fading = 1.0 if self.disagree else np.exp(-elapsed / _FADES)
