@@ -14,7 +14,7 @@ from ruledgraph_factors.so3 import hat
 from ruledgraph_factors.validation import FloatArray, graph_key, instance, positive_number
 
 # So close to the pose or to infinity (rad) the logarithm goes on straight.
-_STRAIGHT = 0.01
+_STRAIGHT = 0.05
 
 
 def line_distance_factor(

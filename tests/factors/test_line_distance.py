@@ -29,7 +29,7 @@ def at(chart: LineChart, phi: float, pose: gtsam.Pose3 = HERE) -> gtsam.Values:
     return values
 
 
-@pytest.mark.parametrize("distance", [0.2, 1.0, 3.0, 50.0])
+@pytest.mark.parametrize("distance", [0.2, 1.0, 3.0, 15.0])
 @pytest.mark.parametrize("pose", [HERE, ELSEWHERE])
 def test_it_is_the_logarithm_of_the_distance_over_the_median(
     distance: float, pose: gtsam.Pose3

@@ -308,6 +308,10 @@ def _moved(line: GraphLine, by: gtsam.Pose3) -> np.ndarray:
     return line.chart.local(moment, direction)
 
 
+@pytest.mark.skipif(
+    not hasattr(gtsam.IncrementalFixedLagSmoother, "getLinearizationPoint"),
+    reason="the pre-release of GTSAM 4.3 cannot take over; the window is rebuilt instead",
+)
 def test_an_indeterminate_system_is_solved_by_careful_steps_and_nothing_is_lost(monkeypatch):
     made = ideal_tracks(3, hand_held(np.random.default_rng(3)))
     config = load_config(
