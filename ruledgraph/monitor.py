@@ -14,7 +14,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
-from ruledgraph.knots import Interval
+from ruledgraph.knots import Interval, Knot
 from ruledgraph.segments import Covariances, Drift
 from ruledgraph.sensors import FloatArray
 from ruledgraph.timing import Messages
@@ -80,7 +80,8 @@ class Trust:
     def judge(self, window: Window) -> None:
         """Take in the newest knot, optimised."""
         elapsed, self._time = window.newest.time - self._time, window.newest.time
-        self._compare(window, elapsed)
+        excess = max(1.0, self._compare_with_imu(window), self._compare_with_lines(window))
+        self._inflate(window.newest, excess, elapsed)
         self._look_at_directions(window)
 
     def covariances(
@@ -91,20 +92,25 @@ class Trust:
         drift = replace(self._drift, place=self._drift.place + self._open_along())
         return drift.added((of_pose, of_velocity, of_bias), pose, velocity)
 
-    # -- images and IMU --------------------------------------------------------------------------
+    # -- images, IMU and lines -------------------------------------------------------------------
 
-    def _compare(self, window: Window, elapsed: float) -> None:
-        excess = [1.0]
-        if (error := imu_error(window)) is not None:
-            excess.append(error / _USUAL)
-            if error > _MOST and not self._contradiction:
-                self._warnings.append(
-                    f"images and IMU disagree since {self._time:.2f} s: check time offset, "
-                    "extrinsics and the IMU's range"
-                )
-            self._contradiction = error > (_AGREED if self._contradiction else _MOST)
-        if (misfit := misfit_share(window)) is not None:
-            excess.append((misfit / _USUAL_MISFIT) ** 2)
+    def _compare_with_imu(self, window: Window) -> float:
+        """How many times as large as usual the misfit's variance is; likewise for the lines."""
+        error = imu_error(window)
+        if error is None:
+            return 1.0
+        if error > _MOST and not self._contradiction:
+            self._warnings.append(
+                f"images and IMU disagree since {self._time:.2f} s: check time offset, extrinsics "
+                "and the IMU's range"
+            )
+        self._contradiction = error > (_AGREED if self._contradiction else _MOST)
+        return error / _USUAL
+
+    def _compare_with_lines(self, window: Window) -> float:
+        misfit = misfit_share(window)
+        if misfit is not None:
+            self._misfit = misfit
             if misfit > _MOST_MISFIT and self._misfit_since is None:
                 self._misfit_since = self._time
                 self._warnings.append(
@@ -113,29 +119,26 @@ class Trust:
                 )
             elif misfit < _FITTING:
                 self._misfit_since = None
-            self._misfit = misfit
         since = self._misfit_since
         is_long = since is not None and self._time - since >= _LOST_FOR
         self.lost = self._misfit > (_MOST_MISFIT if is_long else _LOST)
-        disagreed, self.disagree = self.disagree, self._contradiction or since is not None
+        return 1.0 if misfit is None else (misfit / _USUAL_MISFIT) ** 2
+
+    def _inflate(self, knot: Knot, excess: float, elapsed: float) -> None:
+        disagreed, self.disagree = self.disagree, self._contradiction or self.misfits
         if disagreed and not self.disagree:
             # What went wrong meanwhile stays.
-            knot = window.newest
             R = knot.state.attitude().matrix()
-            of_pose = R @ knot.covariances[0][3:, 3:] @ R.T
-            up = R.T @ _UP
-            of_heading = float(up @ knot.covariances[0][:3, :3] @ up)
+            of_pose, up = knot.covariances[0], R.T @ _UP
             more = self._excess - 1.0
-            before, here = self._drift, knot.state.position()
-            arm = np.cross(_UP, here - before.about)
-            self._drift = Drift(
-                before.place + before.heading * np.outer(arm, arm) + more * of_pose,
-                before.heading + more * of_heading,
-                here,
+            self._drift = self._drift.grown(
+                more * R @ of_pose[3:, 3:] @ R.T,
+                more * float(up @ of_pose[:3, :3] @ up),
+                knot.state.position(),
             )
             self._excess = 1.0
-        fading = 1.0 if self.disagree else np.exp(-elapsed / _FADES)
-        self._excess = max(*excess, fading * self._excess)
+        fading = 1.0 if self.disagree else float(np.exp(-elapsed / _FADES))
+        self._excess = max(excess, fading * self._excess)
 
     # -- parallel lines --------------------------------------------------------------------------
 

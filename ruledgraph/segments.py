@@ -46,6 +46,12 @@ class Drift:
     about: FloatArray = field(default_factory=lambda: np.zeros(3))
     """Where the heading turns about."""
 
+    def grown(self, place: FloatArray, heading: float, about: FloatArray) -> "Drift":
+        """This and more of both; the heading turns about another place from now on."""
+        arm = np.cross(_UP, about - self.about)
+        by_heading = self.heading * np.outer(arm, arm)
+        return Drift(self.place + by_heading + place, self.heading + heading, about)
+
     def added(
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
     ) -> Covariances:

@@ -15,16 +15,18 @@ Each figure is the least of so many runs as --repeat says: other work on the mac
 How time and memory grow over an hour is a matter for tools/soak.py.
 """
 
-import os
 import platform
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from datetime import date
+from functools import partial
 from itertools import count
+from operator import itemgetter
 from pathlib import Path
 from typing import TypeVar
 
@@ -62,11 +64,22 @@ def smooth(recording: Path, calibration: Path) -> tuple[float, float]:
         started = time.perf_counter()
         nowhere = subprocess.DEVNULL
         process = subprocess.Popen(command, stderr=nowhere, stdout=nowhere)  # noqa: S603 - ours
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
+        peak = 0.0
+        while process.poll() is None:
+            peak = max(peak, peak_memory(process.pid))
+            time.sleep(0.02)
         if process.returncode:
             raise click.ClickException(f"failed: {' '.join(command)}")
-        return time.perf_counter() - started, usage.ru_maxrss / 1024.0
+        return time.perf_counter() - started, peak
+
+
+def peak_memory(pid: int) -> float:
+    """Of a process so far, MB; what `getrusage` says of a child begins with its parent's."""
+    with suppress(OSError):
+        for line in Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 1024.0
+    return 0.0  # it has just ended
 
 
 def fresh(measurements: Sequence[Measurement]) -> Iterator[Measurement]:
@@ -95,9 +108,10 @@ def latencies(
 
 
 def processor_time(
-    measurements: Sequence[Measurement], odometry: Odometry | PaperOdometry
+    measurements: Sequence[Measurement], make: Callable[[], Odometry | PaperOdometry]
 ) -> tuple[float, float]:
     """Seconds of all threads, and graph lines in view on average."""
+    odometry = make()
     lines: list[int] = []
     started = time.process_time()
     for measurement in fresh(measurements):
@@ -148,12 +162,12 @@ def main(out: Path, data: str | None, repeat: int, seconds: float) -> None:
         measurements = list(open_recording(files.recording).stream())
         click.echo("| recording | wall time, s | memory, MB |\n|---|---:|---:|")
         for name, paths in recordings.items():
-            wall, memory = least(lambda p=paths: smooth(*p), repeat, lambda found: found[0])  # type: ignore[misc]
+            wall, memory = least(partial(smooth, *paths), repeat, itemgetter(0))
             click.echo(f"| {name} | {wall:.1f} | {memory:.0f} |")
 
     calibration = simulation.calibration
     between, at_knots = least(
-        lambda: latencies(measurements, calibration), repeat, lambda found: sum(found[0])
+        partial(latencies, measurements, calibration), repeat, lambda found: sum(found[0])
     )
     click.echo("\n| latency, ms | median | p99 | largest |\n|---|---:|---:|---:|")
     for name, found in (("between knots", between), ("at knots", at_knots)):
@@ -161,14 +175,14 @@ def main(out: Path, data: str | None, repeat: int, seconds: float) -> None:
         click.echo(f"| {name} | " + " | ".join(f"{figure:.1f}" for figure in figures) + " |")
 
     def cost(part: Sequence[Measurement], make: Callable[[], Odometry | PaperOdometry]) -> float:
-        return least(lambda: processor_time(part, make())[0], repeat, lambda found: found)
+        return least(partial(processor_time, part, make), repeat, itemgetter(0))[0]
 
     frames = sum(isinstance(measurement, Frame) for measurement in measurements)
-    ours = cost(measurements, lambda: Odometry(calibration))
-    paper = cost(measurements, lambda: PaperOdometry(calibration))
+    ours = cost(measurements, partial(Odometry, calibration))
+    paper = cost(measurements, partial(PaperOdometry, calibration))
     frame_number = count()
     half = [m for m in measurements if not isinstance(m, Frame) or next(frame_number) % 2 == 0]
-    halved = cost(half, lambda: Odometry(calibration))
+    halved = cost(half, partial(Odometry, calibration))
     click.echo("\n| processor time | a frame, ms | a second, s |\n|---|---:|---:|")
     for name, seconds_spent, number in (
         ("factor graph", ours, frames),
@@ -188,12 +202,8 @@ def main(out: Path, data: str | None, repeat: int, seconds: float) -> None:
     rows = []
     click.echo("| lines at most | in view | processor time of a second, s |\n|---:|---:|---:|")
     for most in MOST_LINES:
-        config = with_most_lines(most)
-        spent, lines = least(
-            lambda c=config: processor_time(measurements, Odometry(calibration, c)),  # type: ignore[misc]
-            repeat,
-            lambda found: found[0],
-        )
+        make = partial(Odometry, calibration, with_most_lines(most))
+        spent, lines = least(partial(processor_time, measurements, make), repeat, itemgetter(0))
         rows.append((most, lines, spent / seconds))
         click.echo(f"| {most} | {lines:.1f} | {rows[-1][2]:.2f} |")
     draw(rows, out / "lines.png")

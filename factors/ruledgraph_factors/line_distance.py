@@ -72,15 +72,14 @@ def _angle(
     """phi, and its derivatives by the pose, (6,), and by delta, (4,)."""
     place, rotation = pose.translation(), pose.rotation().matrix()
     plucker, by_delta = chart.plucker(delta)
-    direction = plucker[3:]
-    moment = plucker[:3] - np.cross(place, direction)
-    by_place = hat(direction)
-    moment_by_delta = by_delta[:3] - hat(place) @ by_delta[3:]
+    direction, across = plucker[3:], hat(place)
+    moment = plucker[:3] - across @ direction
+    moment_by_delta = by_delta[:3] - across @ by_delta[3:]
     size = max(float(np.linalg.norm(moment)), 1e-12)
     sine, cosine = math.sin(chart.angle + delta[0]), math.cos(chart.angle + delta[0])
     # d atan2(sine, size) = (size d sine - sine d size) / (size^2 + sine^2)
     by_size = -sine / (size**2 + sine**2) * (moment / size)
     by_line = by_size @ moment_by_delta
     by_line[0] += size * cosine / (size**2 + sine**2)
-    by_pose = np.concatenate([np.zeros(3), by_size @ by_place @ rotation])
+    by_pose = np.concatenate([np.zeros(3), by_size @ hat(direction) @ rotation])
     return math.atan2(sine, size), by_pose, by_line

@@ -96,9 +96,7 @@ def rotation_matrix(name: str, value: ArrayLike) -> FloatArray:
         raise FactorError(
             f"{name}: its rotation is not orthonormal (R R^T differs from I by {defect:.1e})"
         )
-    x, y, z = matrix.tolist()
-    turned = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]
-    if sum(a * b for a, b in zip(turned, z, strict=True)) < 0.0:  # the determinant
+    if np.linalg.det(matrix) < 0.0:
         raise FactorError(f"{name}: its rotation is a reflection (determinant -1)")
     return matrix
 

@@ -109,8 +109,10 @@ def test_segments_agree(by_both: ByBoth) -> None:
         assert len(native) == len(numpy)
         for ours, reference in zip(native, numpy, strict=True):
             assert ours.dt == reference.dt
-            np.testing.assert_allclose(ours.accelerometer, reference.accelerometer, 0, BOUND)
-            np.testing.assert_allclose(ours.gyroscope, reference.gyroscope, 0, BOUND)
+            np.testing.assert_allclose(
+                ours.accelerometer, reference.accelerometer, rtol=0.0, atol=BOUND
+            )
+            np.testing.assert_allclose(ours.gyroscope, reference.gyroscope, rtol=0.0, atol=BOUND)
 
 
 @needs_native

@@ -128,7 +128,7 @@ def test_a_failing_smoother_is_rebuilt_and_the_run_goes_on(monkeypatch):
     window, _ = run_window(made)
     assert len(window.recoveries) == 2
     assert "Indeterminate" in window.recoveries[0]
-    assert error_of(window.newest.state.pose(), made.motion.pose(window.newest.time)) < 0.01
+    assert error_of(window.newest.state.pose(), made.motion.pose(window.newest.time)) < 0.005
     assert len(window.lines) == 12
 
 
@@ -249,9 +249,9 @@ def test_lines_that_rested_find_their_depth_when_the_camera_moves(seed):
     made = ideal_tracks(seed, motion, duration=4.0)
     window, _ = run_window(made, still_until=1.4)
     assert window.recoveries == []
-    assert len(window.lines) >= 9
+    assert len(window.lines) >= 10
     # A metre of motion; 3 mm is what the resting phase leaves open of velocity and tilt.
-    assert error_of(window.newest.state.pose(), motion.pose(window.newest.time)) < 0.01
+    assert error_of(window.newest.state.pose(), motion.pose(window.newest.time)) < 0.005
     off = [
         line.chart.distance_to(line.delta, end)[0]
         for line in window.lines.values()

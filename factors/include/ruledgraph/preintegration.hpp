@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: The ruledgraph developers
 // SPDX-License-Identifier: BSD-3-Clause
 //
-// Tangent-space preintegration of the IMU with its derivative by the bias: the native version of
-// `_integrate` in `ruledgraph_factors/integration.py`, where the equations are.
+// The IMU's samples in segments, and their tangent-space preintegration with its derivative by the
+// bias: the native version of `ruledgraph_factors/integration.py`, where the equations are.
 #pragma once
 
 #include <Eigen/Core>
@@ -32,9 +32,9 @@ struct ImuSamples {
                        const Vector3& rate_bias) const {
     const auto [first, last] = std::minmax_element(breaks.begin(), breaks.end());
     const double start = *first, stop = *last;
-    for (const double time : times) {
-      if (time > start && time < stop) breaks.push_back(time);
-    }
+    const double* end = times.data() + times.size();
+    const double* inside = std::upper_bound(times.data(), end, start);
+    breaks.insert(breaks.end(), inside, std::lower_bound(inside, end, stop));
     std::sort(breaks.begin(), breaks.end());
     breaks.erase(std::unique(breaks.begin(), breaks.end()), breaks.end());
     const auto count = static_cast<Eigen::Index>(breaks.size()) - 1;
