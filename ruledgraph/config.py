@@ -58,7 +58,7 @@ class WindowConfig:
     follow_first: float = 0.15
     """How long a line is followed before it enters the graph, s."""
     updates: int = 1
-    """Further iSAM2 updates after that of a new knot."""
+    """Further iSAM2 updates at most, at knots that are not where the IMU predicted them."""
 
     def __post_init__(self) -> None:
         _require(0.01 <= self.knot_interval <= 1.0, "knot_interval: must lie in 0.01 to 1 s")

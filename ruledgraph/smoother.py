@@ -29,7 +29,7 @@ class FixedLagSmoother:
 
     Args:
         lag: s.
-        updates: of iSAM2 after the one that takes new factors in.
+        updates: of iSAM2 at most after the one that takes new factors in.
         careful: begin with Dogleg and QR.
     """
 
@@ -62,7 +62,7 @@ class FixedLagSmoother:
         factors: gtsam.NonlinearFactorGraph,
         values: gtsam.Values,
         times: Mapping[int, float],
-        check: Callable[[gtsam.Values], None],
+        check: Callable[[gtsam.Values], bool],
     ) -> gtsam.Values:
         """Add factors and variables, and the times of new and of refreshed variables.
 
@@ -70,7 +70,8 @@ class FixedLagSmoother:
             factors: new ones.
             values: of the new variables.
             times: of new and of refreshed variables, s.
-            check: raises `SmootherError` for an estimate that cannot be right.
+            check: whether an estimate is about what was expected, so that no further step is
+                needed; raises `SmootherError` for one that cannot be right.
 
         Returns:
             The estimate of all variables.
@@ -99,13 +100,16 @@ class FixedLagSmoother:
         factors: gtsam.NonlinearFactorGraph,
         values: gtsam.Values,
         times: Mapping[int, float],
-        check: Callable[[gtsam.Values], None],
+        check: Callable[[gtsam.Values], bool],
     ) -> gtsam.Values:
         self._call(factors, values, times)
+        estimate = self._smoother.calculateEstimate()
         for _ in range(self._updates):
+            if check(estimate):
+                break
             # The pre-release of GTSAM 4.3 has no update without arguments.
             self._call(gtsam.NonlinearFactorGraph(), gtsam.Values(), {})
-        estimate = self._smoother.calculateEstimate()
+            estimate = self._smoother.calculateEstimate()
         check(estimate)
         return estimate
 

@@ -42,8 +42,10 @@ _BAD_MISFIT, _BAD_KNOTS, _NEW_MISFIT = 2.0, 2, 1.5
 _FEWEST_SIGHTINGS = 3
 # Closer to its first camera than this a line is taken for an error, 1/m.
 _NEAREST_INVERSE = 20.0
-# An estimate that departs from the IMU's prediction by more has diverged (m, m/s).
+# An estimate that departs from the IMU's prediction by more has diverged (m, m/s); by more than
+# this, it may have moved beyond where its factors are linear.
 _JUMP, _VELOCITY_JUMP = 1.0, 3.0
+_STEP, _VELOCITY_STEP = 0.005, 0.01
 # The velocity (m/s) of a knot that lies so long (s) before the end of a rest. Later ones may have
 # begun to move.
 _STILL_VELOCITY, _MID_REST = 0.005, 0.2
@@ -370,14 +372,15 @@ class Window:
                 line.delta = estimate.atVector(line.key)
                 line.linearized = linearized.atVector(line.key)
 
-    def _check(self, estimate: gtsam.Values) -> None:
-        """The newest state must not be far from the IMU's prediction."""
+    def _check(self, estimate: gtsam.Values) -> bool:
+        """Whether the newest state is close to the IMU's prediction; it must not be far off."""
         k, predicted = self.newest.index, self.newest.state
         place, velocity = estimate.atPose3(X(k)).translation(), estimate.atVector(V(k))
         jump = float(np.linalg.norm(place - predicted.position()))
         change = float(np.linalg.norm(velocity - predicted.velocity()))
         if not (jump < _JUMP and change < _VELOCITY_JUMP):
             raise SmootherError(f"the estimate jumped by {jump:.2g} m, {change:.2g} m/s")
+        return jump < _STEP and change < _VELOCITY_STEP
 
     def _read_covariances(self) -> None:
         k = self.newest.index

