@@ -138,12 +138,11 @@ class RangeWatch:
             before = self._recent[-1][1]
             change = np.abs(both[:6] - before[:6])
             self._steps = np.where(change > 0.0, np.minimum(change, self._steps), self._steps)
-            beyond = both > self._farthest
-            self._is_end &= ~beyond
-            for i in np.flatnonzero(beyond).tolist():
-                self._touches[i].clear()
-            self._farthest = np.maximum(both, self._farthest)
-            for i in np.flatnonzero(both == self._farthest).tolist():
+            for i in np.flatnonzero(both >= self._farthest).tolist():
+                if both[i] > self._farthest[i]:
+                    self._farthest[i] = both[i]
+                    self._is_end[i] = False
+                    self._touches[i].clear()
                 if not self._is_end[i] and self._ends(i, time, change):
                     self._is_end[i] = True
                     found.append(_described(i, self._farthest[i]))

@@ -10,6 +10,7 @@ from the estimate.
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -183,8 +184,8 @@ class Tracker:
     def drop_twins(self) -> None:
         """Of tracks that have come to follow the same line forget all but the oldest."""
         tracks = sorted(self.tracks, key=lambda track: track.born)
-        ends, slopes = _segments(tracks)
-        twins = self._twins(ends, slopes, tracks)
+        segments = _segments(tracks)
+        twins = self._twins(*segments, *segments)
         keep: list[int] = []
         for i in range(len(tracks)):
             if not twins[i, keep].any():
@@ -197,9 +198,9 @@ class Tracker:
         """
         moved = []
         for track in self.tracks:
-            then = [s for s in track.sightings if s.stamp == since]
-            if then and track.misses == 0:
-                old, new = then[0].points, track.sightings[-1].points
+            then = next((s for s in reversed(track.sightings) if s.stamp <= since), None)
+            if then is not None and then.stamp == since and track.misses == 0:
+                old, new = then.points, track.sightings[-1].points
                 normal = normal_of(old[[0, -1]])
                 moved.append(abs(float((new.mean(axis=0) - old.mean(axis=0)) @ normal)))
         few = len(moved) < _FEWEST_MOVING
@@ -210,21 +211,32 @@ class Tracker:
         wanted = self._config.max_lines - len(self.tracks)
         if wanted <= 0:
             return
-        for ruling in self._candidates(segments, gradient):
-            (edge,) = search_all(gradient, self._camera, [ruling])
-            if edge is None or edge.deviation > self._straight or edge.support < _FULL:
-                continue
-            (ends,) = _extents(ruling.ends[None], [edge])
-            # Two candidates may be one line as well.
-            if self._twins(ends[None], np.array([edge.slope]), self.tracks).any():
-                continue
+        rulings = self._candidates(segments, gradient)
+        searched = zip(rulings, search_all(gradient, self._camera, rulings), strict=True)
+        found = [(ruling.ends, edge) for ruling, edge in searched if self._is_full(edge)]
+        if not found:
+            return
+        predicted, edges = zip(*found, strict=True)
+        ends, slopes = _extents(np.array(predicted), edges), np.array([e.slope for e in edges])
+        known = self._twins(ends, slopes, *_segments(self.tracks)).any(axis=1)
+        # Two candidates may be one line as well.
+        twins = self._twins(ends, slopes, ends, slopes)
+        chosen: list[int] = []
+        for i in np.flatnonzero(~known).tolist():
+            if len(chosen) < wanted and not twins[i, chosen].any():
+                chosen.append(i)
+        new = []
+        for i in chosen:
             self._next += 1
-            track = Track(self._next, born=time, ends=ends, slope=edge.slope, last_seen=time)
-            self._sight(stamp, [(track, edge)])
-            self.tracks.append(track)
-            wanted -= 1
-            if wanted == 0:
-                break
+            track = Track(self._next, time, ends[i], edges[i].slope, last_seen=time)
+            new.append((track, edges[i]))
+        if new:
+            self._sight(stamp, new)
+        self.tracks += [track for track, _ in new]
+
+    def _is_full(self, edge: EdgePoints | None) -> TypeGuard[EdgePoints]:
+        """Whether a line is seen well enough to be followed."""
+        return edge is not None and edge.deviation <= self._straight and edge.support >= _FULL
 
     def _candidates(self, segments: FloatArray, gradient: Gradient) -> list[Ruling]:
         """Segments that are long enough and not followed yet, those worth most first."""
@@ -238,7 +250,7 @@ class Tracker:
         across = np.stack([-along[:, 1], along[:, 0]], axis=1) / lengths[:, None]
         stations = segments[:, :1] + np.linspace(0.1, 0.9, 15)[:, None] * along[:, None]
         slopes = np.median(gradient.along(stations, across[:, None]), axis=1).astype(np.float64)
-        new = ~np.any(self._twins(ends, slopes, self.tracks), axis=1)
+        new = ~np.any(self._twins(ends, slopes, *_segments(self.tracks)), axis=1)
         worth = lengths / self._crowding(segments)
         order = [i for i in np.argsort(-worth) if new[i]]
         return [Ruling(ends[i], (1.0, 1.0), float(slopes[i])) for i in order]
@@ -255,10 +267,13 @@ class Tracker:
         return np.asarray(1.0 + 2.0 * np.sum(np.exp(-((near / 0.12) ** 2)), axis=1))
 
     def _twins(
-        self, ends: FloatArray, slopes: FloatArray, tracks: Sequence[Track]
+        self,
+        ends: FloatArray,
+        slopes: FloatArray,
+        own_ends: FloatArray,
+        own_slopes: FloatArray,
     ) -> NDArray[np.bool_]:
-        """Which segments (M, 2, 2) with slopes (M,) are the same line as which track, (M, N)."""
-        own_ends, own_slopes = _segments(tracks)
+        """Which of M segments with slopes are the same line as which of N own ones, (M, N)."""
         own_normals, own_along = normal_of(own_ends), own_ends[:, 1] - own_ends[:, 0]
         same = np.sign(slopes[:, None] * own_slopes) * (normal_of(ends) @ own_normals.T)
         three = np.concatenate([ends, ends.mean(axis=1, keepdims=True)], axis=1)

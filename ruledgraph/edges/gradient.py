@@ -11,10 +11,8 @@ from ruledgraph.sensors import FloatArray
 # Deviation of the blur before differentiation, px: takes out pixel noise, keeps edges apart that
 # are four pixels or more from one another.
 _BLUR = 1.0
-_LOW_PASS = cv2.getGaussianKernel(9, _BLUR)
-# Blur and Scharr's derivative in one: its kernel along the derivative and across it.
-_ALONG = np.convolve(_LOW_PASS[:, 0], [-0.5, 0.0, 0.5])
-_ACROSS = np.convolve(_LOW_PASS[:, 0], [3.0 / 16.0, 10.0 / 16.0, 3.0 / 16.0])
+# Scharr's derivative is 32 times the grey levels per pixel.
+_SCALE = 1.0 / 32.0
 # Pixels next to the border see the border's padding instead of the scene.
 _BORDER = 3.0
 
@@ -25,8 +23,9 @@ class Gradient:
     def __init__(self, image: NDArray[np.uint8]) -> None:
         self.image = image
         self.height, self.width = image.shape
-        x = cv2.sepFilter2D(image, cv2.CV_32F, _ALONG, _ACROSS)
-        y = cv2.sepFilter2D(image, cv2.CV_32F, _ACROSS, _ALONG)
+        blurred = cv2.GaussianBlur(image.astype(np.float32), (9, 9), _BLUR)
+        x = cv2.Scharr(blurred, cv2.CV_32F, 1, 0, scale=_SCALE)
+        y = cv2.Scharr(blurred, cv2.CV_32F, 0, 1, scale=_SCALE)
         # Side by side in memory: one look-up fetches both.
         self.xy = np.asarray(cv2.merge([x, y]), np.float32)
         """(height, width, 2)."""

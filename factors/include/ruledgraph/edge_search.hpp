@@ -155,20 +155,29 @@ inline std::vector<Candidate> maxima(const GradientView& gradient, const Ruling&
   const auto sign = static_cast<float>((ruling.slope > 0.0) - (ruling.slope < 0.0));
   const auto least =
       static_cast<float>(std::max(kLeastSlope, kLeastShare * std::abs(ruling.slope)));
-  // Sampled further than maxima are looked for: a stripe's other edge may lie outside the band.
-  const int reach = half + 1 + kStripe;
+  const int reach = half + 1;
   std::vector<float> slopes(static_cast<std::size_t>(2 * reach + 1));
   std::vector<Candidate> found;
   for (std::size_t i = 0; i < stations.size(); ++i) {
     const Station& station = stations[i];
+    const auto slope = [&](int step) {
+      return gradient.along(station.pixel + step * station.across, station.across) * sign;
+    };
     for (int step = -reach; step <= reach; ++step) {
-      slopes[static_cast<std::size_t>(step + reach)] =
-          gradient.along(station.pixel + step * station.across, station.across) * sign;
+      slopes[static_cast<std::size_t>(step + reach)] = slope(step);
     }
     for (int step = -half; step <= half; ++step) {
       const float* at = slopes.data() + (step + reach);
       if (!(at[0] > least && at[0] >= at[-1] && at[0] > at[1])) continue;
-      const float lowest = *std::min_element(at - kStripe, at + kStripe + 1);
+      // A stripe's other edge may lie outside the band.
+      const int first = std::max(step - kStripe, -reach), last = std::min(step + kStripe, reach);
+      float lowest = *std::min_element(at + (first - step), at + (last - step) + 1);
+      for (int beyond = step - kStripe; beyond < first; ++beyond) {
+        lowest = std::min(lowest, slope(beyond));
+      }
+      for (int beyond = last + 1; beyond <= step + kStripe; ++beyond) {
+        lowest = std::min(lowest, slope(beyond));
+      }
       if (lowest < -kStripeShare * at[0]) continue;
       const double middle = at[0], left = at[-1], right = at[1];
       const double offset = step + 0.5 * (left - right) / (left - 2.0 * middle + right);
