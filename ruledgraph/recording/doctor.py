@@ -37,6 +37,9 @@ _NOISIER, _QUIETER = 3.0, 1.0 / 50.0
 # Of the focal length, in widths of the image; of the principal point, from the middle.
 _FOCAL_LENGTHS, _OFF_CENTRE = (0.25, 4.0), 0.15
 _LARGEST_LEVER, _LARGEST_OFFSET = 1.0, 0.1
+# By how much two models of one camera may differ, in widths of the image, and where it is looked.
+_MODELS_DIFFER = 0.01
+_PLACES = (12, 9)
 # Noise densities of IMUs that are sold: rad/s/sqrt(Hz), m/s^2/sqrt(Hz).
 _DENSITIES = {"gyroscope": (3e-6, 2e-2), "accelerometer": (2e-5, 2e-1)}
 
@@ -281,6 +284,29 @@ def examine_calibration(
                 f"a {name} noise density of {density:.2g} is no IMU's; densities are in SI units "
                 "by the root of Hz, not deviations of samples",
             )
+
+
+def examine_camera_info(camera: CameraModel, told: CameraModel) -> Iterator[Finding]:
+    """Whether a calibration's camera is the one that the recording's CameraInfo tells of.
+
+    They may both be right and differ by a pixel or two; another resolution's calibration, or one of
+    the image before it was rectified, differs by far more.
+    """
+    if (told.width, told.height) != (camera.width, camera.height):
+        return  # images have one size, and that is looked at
+    grid = np.meshgrid(*(np.linspace(0.1, 0.9, places) for places in _PLACES))
+    pixels = np.stack(grid, axis=-1).reshape(-1, 2) * [camera.width, camera.height]
+    apart = np.linalg.norm(told.distort(camera.undistort(pixels)).pixels - pixels, axis=1)
+    usual = float(np.nanmedian(apart))
+    if usual < _MODELS_DIFFER * camera.width:
+        yield Finding(True, f"calibration and camera_info differ by {usual:.2g} px (median)")
+    else:
+        yield Finding(
+            False,
+            f"calibration and the recording's camera_info differ by {usual:.3g} px (focal lengths "
+            f"{camera.fx:.4g} and {told.fx:.4g}); use the calibration of this camera, resolution "
+            "and rectification",
+        )
 
 
 def _intrinsics(camera: CameraModel) -> Finding:

@@ -14,19 +14,26 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ruledgraph.calibration import CalibrationError, camera_from_info
 from ruledgraph.measurements import Gap
 from ruledgraph.recording.container import Container, RawMessage, Topic
-from ruledgraph.recording.doctor import Finding, Observations, examine, examine_calibration
+from ruledgraph.recording.doctor import (
+    Finding,
+    Observations,
+    examine,
+    examine_calibration,
+    examine_camera_info,
+)
 from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.formats import open_container
 from ruledgraph.recording.images import Grey, decode_image
-from ruledgraph.recording.messages import UnreadableMessageError, stamp_of
+from ruledgraph.recording.messages import UnreadableMessageError, deserialise, stamp_of
 from ruledgraph.recording.recording import Recording
 from ruledgraph.recording.report import StampRange
 from ruledgraph.recording.timing_plot import check_empty, draw_timing
 from ruledgraph.recording.topics import ImuTopics, choose_image_topic, choose_imu_topics
 from ruledgraph.recording.turning import examine_turning
-from ruledgraph.sensors import Calibration
+from ruledgraph.sensors import Calibration, CameraModel
 
 KINDS = {
     "rosbag1": "ROS 1 bag",
@@ -34,6 +41,7 @@ KINDS = {
     "mcap": "MCAP file",
     "asl": "EuRoC (ASL) folder",
 }
+_CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 # Images decoded to see that they can be, and how large they are.
 _FIRST_IMAGES = 5
 # Columns of the table when the output is no terminal and nothing says how wide it is.
@@ -174,6 +182,9 @@ def inspect_recording(
     info.findings = list(examine(seen, calibration.imu_noise if calibration else None))
     if calibration is not None:
         info.findings += examine_calibration(calibration, info.image_size)
+        told = container.camera_info(camera) if camera is not None else None
+        if told is not None:
+            info.findings += examine_camera_info(calibration.camera, told)
         if not info.missing:
             # From where on it turns most.
             stretch = Recording(open_container(path), camera, imu, seen.liveliest(start or 0.0))
@@ -238,6 +249,7 @@ class _Observed:
         self._by_name = {topic.name: topic for topic in container.topics}
         self._all = container.messages(self._by_name)
         self._stamps = {topic.name: StampRange() for topic in container.topics}
+        self._camera_infos: dict[str, RawMessage] = {}
 
     def messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
         for message in self._all:
@@ -257,9 +269,23 @@ class _Observed:
             topic.name, topic.type, topic.message_count, stamps.count, stamps.rate, step
         )
 
-    def _note(self, message: RawMessage) -> None:
+    def camera_info(self, camera: Topic) -> CameraModel | None:
+        """What the CameraInfo beside an image topic says first; None where there is none of use."""
+        name = f"{camera.name.removesuffix('/compressed').rpartition('/')[0]}/camera_info"
+        message = self._camera_infos.get(name)
+        if message is None or not isinstance(message.data, bytes):
+            return None
         try:
-            stamp = stamp_of(self._by_name[message.topic], message)
+            return camera_from_info(deserialise(self._by_name[name], message.data))
+        except (UnreadableMessageError, CalibrationError):
+            return None
+
+    def _note(self, message: RawMessage) -> None:
+        topic = self._by_name[message.topic]
+        if topic.type == _CAMERA_INFO:
+            self._camera_infos.setdefault(topic.name, message)
+        try:
+            stamp = stamp_of(topic, message)
         except UnreadableMessageError:
             return
         self._stamps[message.topic].add(stamp)

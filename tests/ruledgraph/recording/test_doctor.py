@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from recordings import write_asl
+from recordings import T0, Entry, entries_of, new, sequence, write_asl, write_bag
 from ruledgraph.calibration import write_kalibr
 from ruledgraph.cli import main
 from ruledgraph.measurements import Frame, ImuSample
 from ruledgraph.recording import write_recording
 from ruledgraph.recording.doctor import Observations, examine, examine_calibration, rests
+from ruledgraph.recording.info import inspect_recording
 from ruledgraph.recording.turning import examine_turning
 from ruledgraph.sensors import D435I_LIKE, CameraModel, ImuNoise
 from small_simulation import SMALL, small_stream
@@ -186,6 +187,42 @@ def test_calibrations(changes, size, message):
     calibration = dataclasses.replace(SMALL, camera=CAMERA)
     found = bad(examine_calibration(dataclasses.replace(calibration, **changes), size))
     assert found == [] if message is None else message in found[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({}, None),
+        ({"fx": 1.01 * SMALL.camera.fx}, None),
+        ({"fx": 1.2 * SMALL.camera.fx, "fy": 1.2 * SMALL.camera.fy}, "focal lengths"),
+        ({"distortion": "radtan", "coefficients": (-0.3, 0.1, 0.0, 0.0)}, "rectification"),
+        ({"fx": 2.0 * SMALL.camera.fx, "fy": 9.9 * SMALL.camera.fx}, "camera_info differ by"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["rosbag1", "mcap"])
+def test_calibration_and_camera_info_are_compared(tmp_path, kind, changes, message):
+    stream, _ = small_stream()
+    path = tmp_path / "recording"
+    write_recording(stream[:60], path, kind, calibration=SMALL)
+    camera = dataclasses.replace(SMALL.camera, **changes)
+    other = dataclasses.replace(SMALL, camera=camera)
+    found = inspect_recording(path, calibrate=lambda *_: other).findings
+    (compared,) = [finding for finding in found if "camera_info" in finding.text]
+    assert compared.good == (message is None)
+    assert message is None or message in compared.text
+
+
+def test_the_camera_info_of_an_uncalibrated_camera_is_passed_over(tmp_path):
+    """Drivers fill it with zeros."""
+    region = new("cdr", "sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
+    empty = {"d": np.zeros(5), "k": np.zeros(9), "r": np.zeros(9), "p": np.zeros(12)}
+    said = {"height": 12, "width": 16, "distortion_model": "plumb_bob", **empty}
+    said |= {"binning_x": 0, "binning_y": 0, "roi": region}
+    info = Entry("/cam0/camera_info", "sensor_msgs/msg/CameraInfo", T0, said)
+    path = write_bag(tmp_path / "recording", "sqlite3", [info, *entries_of(sequence())])
+    found = inspect_recording(path, calibrate=lambda *_: SMALL)
+    assert "/cam0/camera_info" in [topic.name for topic in found.topics]
+    assert not [finding for finding in found.findings if "camera_info" in finding.text]
 
 
 def turning(stream, calibration):
