@@ -45,7 +45,7 @@ _NEAREST_INVERSE = 20.0
 # An estimate that departs from the IMU's prediction by more has diverged (m, m/s); by more than
 # this, it may have moved beyond where its factors are linear.
 _JUMP, _VELOCITY_JUMP = 1.0, 3.0
-_STEP, _VELOCITY_STEP = 0.005, 0.01
+_STEP, _VELOCITY_STEP = 0.002, 0.005
 # The velocity (m/s) of a knot that lies so long (s) before the end of a rest. Later ones may have
 # begun to move.
 _STILL_VELOCITY, _MID_REST = 0.005, 0.2
