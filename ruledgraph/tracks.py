@@ -186,11 +186,7 @@ class Tracker:
         tracks = sorted(self.tracks, key=lambda track: track.born)
         segments = _segments(tracks)
         twins = self._twins(*segments, *segments)
-        keep: list[int] = []
-        for i in range(len(tracks)):
-            if not twins[i, keep].any():
-                keep.append(i)
-        self.tracks = [tracks[i] for i in keep]
+        self.tracks = [tracks[i] for i in _first_of_twins(twins)]
 
     def image_motion(self, since: int) -> float:
         """Median distance that lines moved across themselves since a frame, px; inf if too few
@@ -219,20 +215,17 @@ class Tracker:
         predicted, edges = zip(*found, strict=True)
         ends, slopes = _extents(np.array(predicted), edges), np.array([e.slope for e in edges])
         known = self._twins(ends, slopes, *_segments(self.tracks)).any(axis=1)
+        new = np.flatnonzero(~known)
         # Two candidates may be one line as well.
-        twins = self._twins(ends, slopes, ends, slopes)
-        chosen: list[int] = []
-        for i in np.flatnonzero(~known).tolist():
-            if len(chosen) < wanted and not twins[i, chosen].any():
-                chosen.append(i)
-        new = []
-        for i in chosen:
+        twins = self._twins(ends[new], slopes[new], ends[new], slopes[new])
+        started = []
+        for i in new[_first_of_twins(twins)[:wanted]].tolist():
             self._next += 1
             track = Track(self._next, time, ends[i], edges[i].slope, last_seen=time)
-            new.append((track, edges[i]))
-        if new:
-            self._sight(stamp, new)
-        self.tracks += [track for track, _ in new]
+            started.append((track, edges[i]))
+        if started:
+            self._sight(stamp, started)
+        self.tracks += [track for track, _ in started]
 
     def _is_full(self, edge: EdgePoints | None) -> TypeGuard[EdgePoints]:
         """Whether a line is seen well enough to be followed."""
@@ -304,6 +297,15 @@ class Tracker:
         first, last = np.where(visible, first, 0.0), np.where(visible, last, 1.0)
         parts = np.stack([start + first[:, None] * along, start + last[:, None] * along], axis=1)
         return parts, visible
+
+
+def _first_of_twins(twins: NDArray[np.bool_]) -> list[int]:
+    """Which lines to keep so that no two of them are twins, (N, N), an earlier one rather."""
+    keep: list[int] = []
+    for i in range(len(twins)):
+        if not twins[i, keep].any():
+            keep.append(i)
+    return keep
 
 
 def _segments(tracks: Sequence[Track]) -> tuple[FloatArray, FloatArray]:
