@@ -59,11 +59,14 @@ def least(run: Callable[[], T], repeat: int, key: Callable[[T], float]) -> T:
 def smooth(recording: Path, calibration: Path) -> tuple[float, float]:
     """Wall time (s) and peak memory (MB) of the command line."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "ruledgraph", "smooth", str(recording)]
-        command += ["--calibration", str(calibration), "--output", f"{folder}/results"]
+        command = [sys.executable, "-m", "ruledgraph", "smooth", str(recording.resolve())]
+        command += ["--calibration", str(calibration.resolve()), "--output", "results"]
         started = time.perf_counter()
         nowhere = subprocess.DEVNULL
-        process = subprocess.Popen(command, stderr=nowhere, stdout=nowhere)  # noqa: S603 - ours
+        # From elsewhere: a source tree in the working folder would be imported, without its kernel.
+        process = subprocess.Popen(  # noqa: S603 - ours
+            command, stderr=nowhere, stdout=nowhere, cwd=folder
+        )
         peak = 0.0
         while process.poll() is None:
             peak = max(peak, peak_memory(process.pid))
