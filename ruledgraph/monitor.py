@@ -108,7 +108,7 @@ class Trust:
                 "and the IMU's range"
             )
         self._contradiction = error > (_AGREED if self._contradiction else _MOST)
-        return (error / _USUAL) ** _PERSISTS
+        return float((error / _USUAL) ** _PERSISTS)
 
     def _compare_with_lines(self, window: Window) -> float:
         misfit = misfit_share(window)
