@@ -103,14 +103,11 @@ class FixedLagSmoother:
         check: Callable[[gtsam.Values], bool],
     ) -> gtsam.Values:
         self._call(factors, values, times)
-        estimate = self._smoother.calculateEstimate()
-        for _ in range(self._updates):
-            if check(estimate):
-                break
+        estimate, left = self._smoother.calculateEstimate(), self._updates
+        while not check(estimate) and left > 0:
             # The pre-release of GTSAM 4.3 has no update without arguments.
             self._call(gtsam.NonlinearFactorGraph(), gtsam.Values(), {})
-            estimate = self._smoother.calculateEstimate()
-        check(estimate)
+            estimate, left = self._smoother.calculateEstimate(), left - 1
         return estimate
 
     def _call(

@@ -221,7 +221,7 @@ class Tracker:
         started = []
         for i in new[_first_of_twins(twins)[:wanted]].tolist():
             self._next += 1
-            track = Track(self._next, time, ends[i], edges[i].slope, last_seen=time)
+            track = Track(self._next, born=time, ends=ends[i], slope=edges[i].slope, last_seen=time)
             started.append((track, edges[i]))
         if started:
             self._sight(stamp, started)

@@ -31,7 +31,13 @@ from ruledgraph.recording.messages import UnreadableMessageError, deserialise, s
 from ruledgraph.recording.recording import Recording
 from ruledgraph.recording.report import StampRange
 from ruledgraph.recording.timing_plot import check_empty, draw_timing
-from ruledgraph.recording.topics import ImuTopics, choose_image_topic, choose_imu_topics
+from ruledgraph.recording.topics import (
+    CAMERA_INFO,
+    ImuTopics,
+    camera_info_topic,
+    choose_image_topic,
+    choose_imu_topics,
+)
 from ruledgraph.recording.turning import examine_turning
 from ruledgraph.sensors import Calibration, CameraModel
 
@@ -41,7 +47,6 @@ KINDS = {
     "mcap": "MCAP file",
     "asl": "EuRoC (ASL) folder",
 }
-_CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 # Images decoded to see that they can be, and how large they are.
 _FIRST_IMAGES = 5
 # Columns of the table when the output is no terminal and nothing says how wide it is.
@@ -271,7 +276,7 @@ class _Observed:
 
     def camera_info(self, camera: Topic) -> CameraModel | None:
         """What the CameraInfo beside an image topic says first; None where there is none of use."""
-        name = f"{camera.name.removesuffix('/compressed').rpartition('/')[0]}/camera_info"
+        name = camera_info_topic(camera.name)
         message = self._camera_infos.get(name)
         if message is None or not isinstance(message.data, bytes):
             return None
@@ -282,7 +287,7 @@ class _Observed:
 
     def _note(self, message: RawMessage) -> None:
         topic = self._by_name[message.topic]
-        if topic.type == _CAMERA_INFO:
+        if topic.type == CAMERA_INFO:
             self._camera_infos.setdefault(topic.name, message)
         try:
             stamp = stamp_of(topic, message)

@@ -16,11 +16,12 @@ from ruledgraph.measurements import Frame, ImuSample
 from ruledgraph.recording.container import Kind
 from ruledgraph.recording.messages import ROS1, ROS2
 from ruledgraph.recording.report import StampRange
+from ruledgraph.recording.topics import CAMERA_INFO, camera_info_topic
 from ruledgraph.sensors import Calibration, CameraModel, ImuNoise
 
 GROUND_TRUTH_TOPIC = "/ground_truth"
 _IMAGE, _IMU = "sensor_msgs/msg/Image", "sensor_msgs/msg/Imu"
-_POSE, _CAMERA_INFO = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/CameraInfo"
+_POSE = "geometry_msgs/msg/PoseStamped"
 
 
 class GroundTruthPose(NamedTuple):
@@ -69,8 +70,8 @@ class BagSink:
         """Append it."""
         if isinstance(item, Frame):
             if self._camera is not None and self._image_topic not in self._connections:
-                topic = f"{self._image_topic.rpartition('/')[0]}/camera_info"
-                self._write(item.stamp, topic, _CAMERA_INFO, self._camera_info(self._camera))
+                topic = camera_info_topic(self._image_topic)
+                self._write(item.stamp, topic, CAMERA_INFO, self._camera_info(self._camera))
             height, width = item.image.shape
             fields = {
                 "height": height,

@@ -11,6 +11,7 @@ from ruledgraph.recording.errors import RecordingError
 
 IMAGE_TYPES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", asl.IMAGE)
 IMU_TYPES = ("sensor_msgs/msg/Imu", asl.IMU)
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
 
 class ImuTopics(NamedTuple):
@@ -86,6 +87,12 @@ def choose_imu_topics(
         f"--accelerometer-topic {topic.name}" for topic in accelerometers if topic not in whole
     ]
     raise _several("IMU samples", flags)
+
+
+def camera_info_topic(image_topic: str) -> str:
+    """Where ROS drivers publish the CameraInfo of an image topic: beside it."""
+    namespace = image_topic.removesuffix("/compressed").rpartition("/")[0]
+    return f"{namespace}/camera_info"
 
 
 def find_topic(topics: Collection[Topic], name: str) -> Topic:

@@ -11,6 +11,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -170,13 +171,10 @@ inline std::vector<Candidate> maxima(const GradientView& gradient, const Ruling&
       const float* at = slopes.data() + (step + reach);
       if (!(at[0] > least && at[0] >= at[-1] && at[0] > at[1])) continue;
       // A stripe's other edge may lie outside the band.
-      const int first = std::max(step - kStripe, -reach), last = std::min(step + kStripe, reach);
-      float lowest = *std::min_element(at + (first - step), at + (last - step) + 1);
-      for (int beyond = step - kStripe; beyond < first; ++beyond) {
-        lowest = std::min(lowest, slope(beyond));
-      }
-      for (int beyond = last + 1; beyond <= step + kStripe; ++beyond) {
-        lowest = std::min(lowest, slope(beyond));
+      float lowest = at[0];
+      for (int near = step - kStripe; near <= step + kStripe; ++near) {
+        const bool sampled = std::abs(near) <= reach;
+        lowest = std::min(lowest, sampled ? at[near - step] : slope(near));
       }
       if (lowest < -kStripeShare * at[0]) continue;
       const double middle = at[0], left = at[-1], right = at[1];

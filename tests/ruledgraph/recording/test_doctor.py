@@ -216,7 +216,8 @@ def test_the_camera_info_of_an_uncalibrated_camera_is_passed_over(tmp_path):
     """Drivers fill it with zeros."""
     region = new("cdr", "sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
     empty = {"d": np.zeros(5), "k": np.zeros(9), "r": np.zeros(9), "p": np.zeros(12)}
-    said = {"height": 12, "width": 16, "distortion_model": "plumb_bob", **empty}
+    size = {"height": SMALL.camera.height, "width": SMALL.camera.width}
+    said = {**size, "distortion_model": "plumb_bob", **empty}
     said |= {"binning_x": 0, "binning_y": 0, "roi": region}
     info = Entry("/cam0/camera_info", "sensor_msgs/msg/CameraInfo", T0, said)
     path = write_bag(tmp_path / "recording", "sqlite3", [info, *entries_of(sequence())])

@@ -5,7 +5,11 @@
 import pytest
 
 from ruledgraph.recording import RecordingError, Topic
-from ruledgraph.recording.topics import choose_image_topic, choose_imu_topics
+from ruledgraph.recording.topics import (
+    camera_info_topic,
+    choose_image_topic,
+    choose_imu_topics,
+)
 
 
 def image(name: str, count: int = 5) -> Topic:
@@ -99,3 +103,11 @@ def test_contradicting_flags() -> None:
         choose_imu_topics(REALSENSE, imu="/imu0", gyroscope="/camera/gyro/sample")
     with pytest.raises(RecordingError, match="name the accelerometer's topic too"):
         choose_imu_topics([imu("/a"), imu("/b")], gyroscope="/a")
+
+
+@pytest.mark.parametrize(
+    "topic",
+    ["/camera/color/image_raw", "/camera/color/image_raw/compressed"],
+)
+def test_camera_info_lies_beside_the_images(topic: str) -> None:
+    assert camera_info_topic(topic) == "/camera/color/camera_info"
