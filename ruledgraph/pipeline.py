@@ -212,16 +212,11 @@ class Odometry(Output):
             known = {}
         at = [i for i, track in enumerate(tracks) if track.number in known]
         lines = [known[tracks[i].number] for i in at]
-        otherwise = [rulings[i] for i in at]
-        estimated = by_estimate(lines, world_T_before, world_T_cam, otherwise, focal)
-        for i, ruling in zip(at, estimated, strict=True):
-            rulings[i] = ruling
+        estimated = by_estimate(lines, world_T_before, world_T_cam, rulings.part(at), focal)
+        rulings.ends[at], rulings.sigmas[at] = estimated.ends, estimated.sigmas
         found = self.tracker.follow(seen.stamp, seen.time, gradient, rulings)
         known = self.window.lines if self.window is not None else {}
-        return sum(
-            edge is not None and track.number in known
-            for track, edge in zip(tracks, found, strict=True)
-        )
+        return sum(track.number in known for track in found)
 
     def _is_knot_due(self, time: float) -> bool:
         if self.window is None:

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 
-from ruledgraph.edges.search import Ruling, normal_of
+from ruledgraph.edges.batch import Rulings
+from ruledgraph.edges.search import normal_of
 from ruledgraph.lines import GraphLine
 from ruledgraph.sensors import FloatArray
 from ruledgraph.tracks import Track
@@ -24,30 +25,26 @@ _NEAREST = 0.05
 
 def by_rotation(
     tracks: Sequence[Track], cam_R_before: FloatArray, elapsed: float, focal: float
-) -> list[Ruling]:
+) -> Rulings:
     """Rulings in a frame whose camera turned by `cam_R_before` in `elapsed` s since the last one.
 
     `focal` is the focal length, px.
     """
-    if not tracks:
-        return []
-    rays = _rays(np.array([track.ends for track in tracks])) @ cam_R_before.T
+    rays = _rays(np.array([track.ends for track in tracks]).reshape(-1, 2, 2)) @ cam_R_before.T
     ends = rays[..., :2] / rays[..., 2:]
-    moved = np.array([track.rates for track in tracks]) * elapsed / focal
+    moved = np.array([track.rates for track in tracks]).reshape(-1, 2) * elapsed / focal
     ends = ends + moved[..., None] * normal_of(ends)[:, None]
-    return [
-        Ruling(own, (track.sigma, track.sigma), track.slope)
-        for track, own in zip(tracks, ends, strict=True)
-    ]
+    sigmas = np.array([(track.sigma, track.sigma) for track in tracks]).reshape(-1, 2)
+    return Rulings(ends, sigmas, np.array([track.slope for track in tracks]))
 
 
 def by_estimate(
     lines: Sequence[GraphLine],
     world_T_before: gtsam.Pose3,
     world_T_cam: gtsam.Pose3,
-    otherwise: Sequence[Ruling],
+    otherwise: Rulings,
     focal: float,
-) -> list[Ruling]:
+) -> Rulings:
     """Where lines appear: m_c = R^T (m - p x v), with the spread their covariance gives.
 
     Args:
@@ -59,7 +56,7 @@ def by_estimate(
         focal: focal length, px.
     """
     if not lines:
-        return []
+        return otherwise
     plucker = np.array([line.plucker[0] for line in lines])
     by_delta = np.array([line.plucker[1] for line in lines])
     moment, direction = plucker[:, :3], plucker[:, 3:]
@@ -67,7 +64,7 @@ def by_estimate(
     by_place = hat(p)
     m = (moment - direction @ by_place.T) @ R
     size = np.hypot(m[:, 0], m[:, 1])[:, None]
-    ends = np.array([ruling.ends for ruling in otherwise])
+    ends = otherwise.ends
     with np.errstate(divide="ignore", invalid="ignore"):
         in_cam = _ends_in_space(lines, moment, direction, world_T_before) - p
         in_cam = in_cam @ R
@@ -75,19 +72,19 @@ def by_estimate(
         ends = np.where(ahead, in_cam[..., :2] / in_cam[..., 2:], ends)
         # Onto the ruling.
         off = np.einsum("nei,ni->ne", _rays(ends), m)
-        ends -= off[..., None] * (m[:, :2] / size**2)[:, None]
+        ends = ends - off[..., None] * (m[:, :2] / size**2)[:, None]
         by_m = R.T @ (by_delta[:, :3] - by_place @ by_delta[:, 3:])
         gradient = _rays(ends) @ by_m / size[..., None]
     covariances = np.array([line.covariance for line in lines])
     variance = np.einsum("nei,nij,nej->ne", gradient, covariances, gradient)
     floor = _MOTION_SIGMA * 1.5 ** np.array([[line.track.misses] for line in lines])
     sigmas = np.minimum(np.hypot(focal * np.sqrt(np.maximum(variance, 0.0)), floor), _MOST_SIGMA)
-    return [
-        Ruling(own, (first, second), line.track.slope) if apart else other
-        for own, (first, second), line, other, apart in zip(
-            ends, sigmas.tolist(), lines, otherwise, size[:, 0] >= 1e-9, strict=True
-        )
-    ]
+    apart = size[..., None] >= 1e-9
+    return Rulings(
+        np.where(apart, ends, otherwise.ends),
+        np.where(apart[..., 0], sigmas, otherwise.sigmas),
+        otherwise.slopes,
+    )
 
 
 def _ends_in_space(

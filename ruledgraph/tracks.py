@@ -10,14 +10,14 @@ from the estimate.
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ruledgraph.config import EdgesConfig
+from ruledgraph.edges.batch import Edges, Rulings, search_all, stacked
 from ruledgraph.edges.gradient import Gradient
-from ruledgraph.edges.search import EdgePoints, Ruling, normal_of, search_all
+from ruledgraph.edges.search import normal_of
 from ruledgraph.edges.sobel import search_sobel, sobel_points
 from ruledgraph.sensors import CameraModel, FloatArray
 from ruledgraph_factors import CompressedPoints
@@ -107,61 +107,48 @@ class Tracker:
         seen = camera.undistort(rim * [camera.width - 1, camera.height - 1])
         self._low, self._high = np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)
 
-    def follow(
-        self, stamp: int, time: float, gradient: Gradient, rulings: Sequence[Ruling]
-    ) -> list[EdgePoints | None]:
-        """Look for every track where it is predicted, one ruling for each of `tracks`; update them.
+    def follow(self, stamp: int, time: float, gradient: Gradient, rulings: Rulings) -> list[Track]:
+        """Look for every track where it is predicted, a ruling for each of `tracks`; update them.
 
-        What was found of each, None if nothing.
+        Those that were found.
         """
-        ends, visible = self._clip(np.array([ruling.ends for ruling in rulings]).reshape(-1, 2, 2))
-        inside = [
-            ruling._replace(ends=part)
-            for ruling, part, seen in zip(rulings, ends, visible, strict=True)
-            if seen
-        ]
-        beyond = _BEYOND if self._config.bounded else 10.0
-        if self._config.points == "sobel":
-            edges = sobel_points(gradient.image)
-            gate = self._config.gate
-            searched = iter([search_sobel(edges, self._camera, each, gate) for each in inside])
-        else:
-            searched = iter(search_all(gradient, self._camera, inside, beyond))
-        found: list[EdgePoints | None] = []
-        seen: list[tuple[Track, EdgePoints]] = []
-        for track, part, in_view in zip(self.tracks, ends, visible, strict=True):
-            edge = next(searched) if in_view else None
-            if edge is not None and self._is_good(edge):
-                found.append(edge)
-                seen.append((track, edge))
-            else:
-                found.append(None)
-                track.ends = part
-                track.miss(time)
-            if not in_view:
-                track.give_up()
+        ends, in_view = self._clip(rulings.ends)
+        edges = self._search(gradient, rulings._replace(ends=ends).part(in_view))
+        good = (edges.counts > 0) & ~edges.ambiguous & (edges.deviation <= self._straight)
+        found = in_view.copy()
+        found[in_view] = good
+        for i in np.flatnonzero(~found).tolist():
+            self.tracks[i].ends = ends[i]
+            self.tracks[i].miss(time)
+        for i in np.flatnonzero(~in_view).tolist():
+            self.tracks[i].give_up()
+        seen = [self.tracks[i] for i in np.flatnonzero(found).tolist()]
         if seen:
-            is_seen = [edge is not None for edge in found]
-            self._move(time, seen, ends[is_seen])
-            self._sight(stamp, seen)
-        return found
+            edges = edges.part(good)
+            self._move(time, seen, ends[found], edges)
+            self._sight(stamp, seen, edges)
+        return seen
 
-    def _is_good(self, edge: EdgePoints) -> bool:
-        return not edge.ambiguous and edge.deviation <= self._straight
+    def _search(self, gradient: Gradient, rulings: Rulings) -> Edges:
+        if self._config.points == "sobel":
+            edges, gate = sobel_points(gradient.image), self._config.gate
+            return stacked(
+                [search_sobel(edges, self._camera, each, gate) for each in rulings.one_by_one()]
+            )
+        beyond = _BEYOND if self._config.bounded else 10.0
+        return search_all(gradient, self._camera, rulings, beyond)
 
-    def _sight(self, stamp: int, seen: Sequence[tuple[Track, EdgePoints]]) -> None:
-        most = self._config.effective_points
-        points = [edge.points for _, edge in seen]
+    def _sight(self, stamp: int, tracks: Sequence[Track], edges: Edges) -> None:
+        most, points = self._config.effective_points, edges.points_of_each()
         compressed = CompressedPoints.from_frames(points, effective_points=most)
-        for (track, edge), statistics in zip(seen, compressed.statistics, strict=True):
-            track.sightings.append(Sighting(stamp, edge.points, statistics))
+        for track, own, statistics in zip(tracks, points, compressed.statistics, strict=True):
+            track.sightings.append(Sighting(stamp, own, statistics))
 
     def _move(
-        self, time: float, seen: Sequence[tuple[Track, EdgePoints]], predicted: FloatArray
+        self, time: float, tracks: Sequence[Track], predicted: FloatArray, edges: Edges
     ) -> None:
         """Take tracks from their predicted ends (N, 2, 2) to where they were found."""
-        tracks, edges = [track for track, _ in seen], [edge for _, edge in seen]
-        offsets = np.cumsum([edge.line for edge in edges], axis=1)  # at both ends
+        offsets = np.cumsum(edges.lines, axis=1)  # at both ends
         elapsed = time - np.array([track.last_seen for track in tracks])
         gains = np.where([track.misses == 0 for track in tracks], 0.7, 0.3)
         gains /= np.maximum(elapsed, 1e-3)
@@ -169,10 +156,10 @@ class Tracker:
         ends = _extents(predicted, edges)
         along = ends[:, 1] - ends[:, 0]
         short = np.hypot(along[:, 0], along[:, 1]) * self._camera.focal_length < _SHORTEST
-        for i, (track, edge) in enumerate(seen):
+        for i, (track, slope) in enumerate(zip(tracks, edges.slopes.tolist(), strict=True)):
             track.ends, track.rates = ends[i], rates[i]
             track.sigma = max(_LEAST_SIGMA + 0.8, 0.7 * track.sigma)
-            track.slope = 0.8 * track.slope + 0.2 * edge.slope
+            track.slope = 0.8 * track.slope + 0.2 * slope
             track.misses, track.last_seen = 0, time
             if short[i]:
                 track.give_up()
@@ -208,30 +195,30 @@ class Tracker:
         if wanted <= 0:
             return
         rulings = self._candidates(segments, gradient)
-        searched = zip(rulings, search_all(gradient, self._camera, rulings), strict=True)
-        found = [(ruling.ends, edge) for ruling, edge in searched if self._is_full(edge)]
-        if not found:
+        edges = search_all(gradient, self._camera, rulings)
+        # Seen well enough to be followed.
+        full = (edges.counts > 0) & (edges.deviation <= self._straight) & (edges.support >= _FULL)
+        if not np.any(full):
             return
-        predicted, edges = zip(*found, strict=True)
-        ends, slopes = _extents(np.array(predicted), edges), np.array([e.slope for e in edges])
-        known = self._twins(ends, slopes, *_segments(self.tracks)).any(axis=1)
-        new = np.flatnonzero(~known)
+        edges = edges.part(full)
+        ends = _extents(rulings.ends[full], edges)
+        new = ~np.any(self._twins(ends, edges.slopes, *_segments(self.tracks)), axis=1)
+        ends, edges = ends[new], edges.part(new)
         # Two candidates may be one line as well.
-        twins = self._twins(ends[new], slopes[new], ends[new], slopes[new])
+        twins = self._twins(ends, edges.slopes, ends, edges.slopes)
+        kept = np.zeros(len(ends), dtype=bool)
+        kept[_first_of_twins(twins)[:wanted]] = True
+        if not np.any(kept):
+            return
+        ends, edges = ends[kept], edges.part(kept)
         started = []
-        for i in new[_first_of_twins(twins)[:wanted]].tolist():
+        for own, slope in zip(ends, edges.slopes.tolist(), strict=True):
             self._next += 1
-            track = Track(self._next, born=time, ends=ends[i], slope=edges[i].slope, last_seen=time)
-            started.append((track, edges[i]))
-        if started:
-            self._sight(stamp, started)
-        self.tracks += [track for track, _ in started]
+            started.append(Track(self._next, born=time, ends=own, slope=slope, last_seen=time))
+        self._sight(stamp, started, edges)
+        self.tracks += started
 
-    def _is_full(self, edge: EdgePoints | None) -> TypeGuard[EdgePoints]:
-        """Whether a line is seen well enough to be followed."""
-        return edge is not None and edge.deviation <= self._straight and edge.support >= _FULL
-
-    def _candidates(self, segments: FloatArray, gradient: Gradient) -> list[Ruling]:
+    def _candidates(self, segments: FloatArray, gradient: Gradient) -> Rulings:
         """Segments that are long enough and not followed yet, those worth most first."""
         along = segments[:, 1] - segments[:, 0]
         segments = segments[np.hypot(along[:, 0], along[:, 1]) > self._config.min_length]
@@ -244,9 +231,8 @@ class Tracker:
         stations = segments[:, :1] + np.linspace(0.1, 0.9, 15)[:, None] * along[:, None]
         slopes = np.median(gradient.along(stations, across[:, None]), axis=1).astype(np.float64)
         new = ~np.any(self._twins(ends, slopes, *_segments(self.tracks)), axis=1)
-        worth = lengths / self._crowding(segments)
-        order = [i for i in np.argsort(-worth) if new[i]]
-        return [Ruling(ends[i], (1.0, 1.0), float(slopes[i])) for i in order]
+        order = np.argsort(-lengths / self._crowding(segments))
+        return Rulings(ends, np.ones((len(ends), 2)), slopes).part(order[new[order]])
 
     def _crowding(self, segments: FloatArray) -> FloatArray:
         """1 for a direction and place without tracks, more where there are some already."""
@@ -314,12 +300,11 @@ def _segments(tracks: Sequence[Track]) -> tuple[FloatArray, FloatArray]:
     return ends, np.array([track.slope for track in tracks])
 
 
-def _extents(ends: FloatArray, found: Sequence[EdgePoints]) -> FloatArray:
+def _extents(ends: FloatArray, found: Edges) -> FloatArray:
     """Segments' ends (N, 2, 2) moved onto the lines through their points, and towards the
     outermost ones.
     """
-    points = np.concatenate([edge.points for edge in found])
-    counts = np.array([len(edge.points) for edge in found])
+    points, counts = found.points, found.counts
     first = np.cumsum(counts) - counts
     middle = np.add.reduceat(points, first) / counts[:, None]
     from_middle = points - np.repeat(middle, counts, axis=0)

@@ -23,7 +23,7 @@ from unittest import mock
 import numpy as np
 
 from ruledgraph.config import Config
-from ruledgraph.edges.search import search_all
+from ruledgraph.edges.batch import search_all
 from ruledgraph.pipeline import Odometry
 from ruledgraph.simulation import Simulation, simulate
 from ruledgraph_factors import active_kernel

@@ -12,9 +12,11 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "ruledgraph/camera.hpp"
@@ -29,6 +31,9 @@ using namespace ruledgraph;
 template <typename Scalar, Eigen::Index... Shape>
 using Rows = nb::ndarray<const Scalar, nb::shape<Shape...>, nb::c_contig, nb::device::cpu>;
 using PointRows = Eigen::Matrix<double, Eigen::Dynamic, 2, Eigen::RowMajor>;
+using Column = Eigen::VectorXd;
+using Counts = Eigen::Matrix<std::int64_t, Eigen::Dynamic, 1>;
+using Mask = Eigen::Array<bool, Eigen::Dynamic, 1>;
 
 void require(bool condition, const char* message) {
   if (!condition) throw std::invalid_argument(message);
@@ -49,38 +54,41 @@ Camera make_camera(int width, int height, double fx, double fy, double cx, doubl
   return camera;
 }
 
-Eigen::Map<const Eigen::VectorXd> vector(const std::vector<double>& values) {
-  return {values.data(), static_cast<Eigen::Index>(values.size())};
-}
-
-nb::object to_python(const EdgePoints& found) {
-  const PointRows points = Eigen::Map<const PointRows>(
-      &found.points.front().x, static_cast<Eigen::Index>(found.points.size()), 2);
-  return nb::make_tuple(points, Eigen::VectorXd(vector(found.along)),
-                        Eigen::VectorXd(vector(found.offsets)),
-                        nb::make_tuple(found.line.a, found.line.b), found.support, found.deviation,
-                        found.slope, found.ambiguous);
-}
-
-nb::list search_all(Rows<float, -1, -1, 2> gradient, const Camera& camera,
-                    Rows<double, -1, 2, 2> ends, Rows<double, -1, 2> sigmas,
-                    Rows<double, -1> slopes, double beyond) {
+nb::tuple search_all(Rows<float, -1, -1, 2> gradient, const Camera& camera,
+                     Rows<double, -1, 2, 2> ends, Rows<double, -1, 2> sigmas,
+                     Rows<double, -1> slopes, double beyond) {
   const std::size_t count = ends.shape(0);
   require(sigmas.shape(0) == count && slopes.shape(0) == count,
           "ends, sigmas and slopes differ in length");
   const GradientView view{gradient.data(), static_cast<int>(gradient.shape(1)),
                           static_cast<int>(gradient.shape(0))};
-  nb::list all;
-  for (std::size_t i = 0; i < count; ++i) {
+  const auto rows = static_cast<Eigen::Index>(count);
+  std::vector<Point> points;
+  Counts counts = Counts::Zero(rows);
+  PointRows lines = PointRows::Zero(rows, 2);
+  Column support = Column::Zero(rows), deviation = Column::Zero(rows), slope = Column::Zero(rows);
+  Mask ambiguous = Mask::Constant(rows, false);
+  for (Eigen::Index i = 0; i < rows; ++i) {
     const double* end = ends.data() + 4 * i;
     const double* sigma = sigmas.data() + 2 * i;
     require(std::isfinite(sigma[0]) && std::isfinite(sigma[1]), "a sigma is not finite");
     const std::optional<EdgePoints> found =
         search(view, camera,
                {{end[0], end[1]}, {end[2], end[3]}, sigma[0], sigma[1], slopes.data()[i]}, beyond);
-    all.append(found ? to_python(*found) : nb::none());
+    if (!found) continue;
+    points.insert(points.end(), found->points.begin(), found->points.end());
+    counts[i] = static_cast<std::int64_t>(found->points.size());
+    lines.row(i) << found->line.a, found->line.b;
+    support[i] = found->support;
+    deviation[i] = found->deviation;
+    slope[i] = found->slope;
+    ambiguous[i] = found->ambiguous;
   }
-  return all;
+  // A Point is two doubles, one after the other.
+  const PointRows stacked = Eigen::Map<const PointRows>(
+      points.empty() ? nullptr : &points.front().x, static_cast<Eigen::Index>(points.size()), 2);
+  return nb::make_tuple(std::move(counts), stacked, std::move(lines), std::move(support),
+                        std::move(deviation), std::move(slope), std::move(ambiguous));
 }
 
 }  // namespace

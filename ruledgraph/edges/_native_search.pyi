@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 from ruledgraph.sensors import FloatArray
 
 _Found: TypeAlias = tuple[
-    FloatArray, FloatArray, FloatArray, tuple[float, float], float, float, float, bool
+    NDArray[np.int64],
+    FloatArray,
+    FloatArray,
+    FloatArray,
+    FloatArray,
+    FloatArray,
+    NDArray[np.bool_],
 ]
 
 class Camera:
@@ -41,8 +47,8 @@ def search_all(
     sigmas: FloatArray,
     slopes: FloatArray,
     beyond: float,
-) -> list[_Found | None]:
-    """Search n rulings: `search` of each, as the fields of an `EdgePoints` in their order.
+) -> _Found:
+    """Search n rulings: `search` of each, as the fields of `Edges` in their order.
 
     `gradient` is (height, width, 2), `ends` (n, 2, 2), `sigmas` (n, 2), `slopes` (n,).
     """

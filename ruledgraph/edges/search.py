@@ -6,9 +6,10 @@ The prediction is an image segment with a band of uncertainty. At stations along
 derivative across it is sampled; its local maxima of the right sign are candidate edge points, and
 of all straight lines inside the band the one with most candidates wins. No picture is undistorted
 and nothing is compared with another frame: stations and points pass through the camera model.
+
+For all lines of a frame, and natively, see `batch`.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,12 +17,6 @@ from numpy.typing import NDArray
 
 from ruledgraph.edges.gradient import Gradient
 from ruledgraph.sensors import CameraModel, FloatArray
-from ruledgraph_factors import active_kernel
-
-try:
-    import ruledgraph.edges._native_search as native
-except ModuleNotFoundError:  # installed where there was no C++ compiler
-    native = None  # type: ignore[assignment]
 
 # Distance between stations along the ruling, px, and the most stations.
 _SPACING = 3.0
@@ -157,27 +152,6 @@ def search(
         slope=float(np.copysign(np.median(height[chosen]), ruling.slope)),
         ambiguous=ambiguous,
     )
-
-
-def search_all(
-    gradient: Gradient, camera: CameraModel, rulings: Sequence[Ruling], beyond: float = 0.0
-) -> list[EdgePoints | None]:
-    """`search` of every ruling, by the native kernel if there is one; the arguments are the same.
-
-    Raises:
-        FactorError: when the environment asks for a kernel that there is not.
-    """
-    if active_kernel() == "numpy" or native is None:
-        return [search(gradient, camera, ruling, beyond) for ruling in rulings]
-    all_found = native.search_all(
-        gradient.xy,
-        native.Camera(**vars(camera)),
-        np.array([ruling.ends for ruling in rulings]).reshape(-1, 2, 2),
-        np.array([ruling.sigmas for ruling in rulings]).reshape(-1, 2),
-        np.array([ruling.slope for ruling in rulings]),
-        beyond,
-    )
-    return [None if found is None else EdgePoints(*found) for found in all_found]
 
 
 def _maxima(

@@ -6,8 +6,8 @@ import pytest
 
 from edge_images import CAMERA, edge_image, line_through
 from ruledgraph.config import EdgesConfig
+from ruledgraph.edges.batch import Rulings
 from ruledgraph.edges.gradient import Gradient
-from ruledgraph.edges.search import Ruling
 from ruledgraph.tracks import Tracker
 
 LEVEL, STEEP = np.array([[-0.3, -0.2], [0.3, -0.15]]), np.array([[-0.2, -0.05], [0.0, 0.3]])
@@ -71,8 +71,12 @@ def test_motion_of_the_image_is_that_across_lines_since_a_frame():
     for i in (1, 2):
         down = np.array([0.0, 2.0 * i / CAMERA.focal_length])
         moved = [ends + down for ends in lines]
-        rulings = [Ruling(track.ends, (3.0, 3.0), track.slope) for track in tracker.tracks]
-        tracker.follow(i, 0.05 * i, scene(*moved), rulings)
+        rulings = Rulings(
+            np.array([track.ends for track in tracker.tracks]),
+            np.full((3, 2), 3.0),
+            np.array([track.slope for track in tracker.tracks]),
+        )
+        assert tracker.follow(i, 0.05 * i, scene(*moved), rulings) == tracker.tracks
     # Downwards by 4 px, seen across the line that moves neither most nor least.
     along = np.diff(lines, axis=1)[:, 0]
     across = 4.0 * float(np.median(np.abs(along[:, 0]) / np.linalg.norm(along, axis=1)))

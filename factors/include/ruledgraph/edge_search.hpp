@@ -70,10 +70,9 @@ struct StraightLine {
   double a, b;
 };
 
-/// What was found along a ruling; as `EdgePoints` in Python.
+/// What was found along a ruling: of `EdgePoints` in Python what `Edges` takes.
 struct EdgePoints {
   std::vector<Point> points;
-  std::vector<double> along, offsets;
   StraightLine line;
   double support, deviation, slope;
   bool ambiguous;
@@ -292,8 +291,6 @@ inline std::optional<EdgePoints> search(const GradientView& gradient, const Came
     const Station& station = stations[c.station];
     pixels.push_back(station.pixel + c.offset * station.across);
     near.push_back(station.normalised);
-    found.along.push_back(c.place);
-    found.offsets.push_back(c.offset);
     heights.push_back(c.height);
   }
   found.points = camera.undistort(pixels, std::move(near));

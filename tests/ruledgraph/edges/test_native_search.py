@@ -2,13 +2,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The native edge search against numpy, its reference: the same points, found in the same lines."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
 
-from ruledgraph.edges import search as module
+from ruledgraph.edges import batch as module
+from ruledgraph.edges.batch import Edges, Rulings, search_all
 from ruledgraph.edges.gradient import Gradient
-from ruledgraph.edges.search import EdgePoints, Ruling, search_all
 from ruledgraph.sensors import CameraModel
 
 needs_native = pytest.mark.skipif(
@@ -34,28 +36,32 @@ def clutter(rng: np.random.Generator, camera: CameraModel) -> np.ndarray:
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
-def random_rulings(
-    rng: np.random.Generator, camera: CameraModel, image: np.ndarray
-) -> list[Ruling]:
+def random_rulings(rng: np.random.Generator, camera: CameraModel, image: np.ndarray) -> Rulings:
     """Near detected segments and anywhere, some across the border, in bands of any width."""
     found = cv2.createLineSegmentDetector().detect(image)[0].reshape(-1, 2, 2)
     long = found[np.linalg.norm(found[:, 1] - found[:, 0], axis=1) > 30.0]
     size = np.array([camera.width, camera.height])
     anywhere = rng.uniform(-0.2 * size, 1.2 * size, size=(10, 2, 2))
     pixels = np.concatenate([long + rng.normal(scale=1.5, size=long.shape), anywhere])
-    rulings = []
+    rows = []
     for ends in pixels:
         normalised = camera.undistort(ends)
         if np.all(np.isfinite(normalised)):
-            first, second = rng.uniform(0.3, 7.0, size=2).tolist()
+            sigmas = rng.uniform(0.3, 7.0, size=2)
             slope = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.0, 30.0))
-            rulings.append(Ruling(normalised, (first, second), slope))
-    return rulings
+            rows.append((normalised, sigmas, slope))
+    return Rulings(*map(np.array, zip(*rows, strict=True)))
+
+
+def rulings_of(*each: tuple[Any, float, float]) -> Rulings:
+    """Of ends, sigma and slope."""
+    ends, sigmas, slopes = zip(*each, strict=True)
+    return Rulings(np.array(ends), np.repeat(sigmas, 2).reshape(-1, 2), np.array(slopes))
 
 
 def by_both(
     monkeypatch: pytest.MonkeyPatch, camera: CameraModel, image: np.ndarray, *args
-) -> tuple[list[EdgePoints | None], list[EdgePoints | None]]:
+) -> tuple[Edges, Edges]:
     gradient = Gradient(image)
     monkeypatch.setenv("RULEDGRAPH_KERNEL", "native")
     native = search_all(gradient, camera, *args)
@@ -63,19 +69,18 @@ def by_both(
     return native, search_all(gradient, camera, *args)
 
 
-def assert_same(native: EdgePoints | None, numpy: EdgePoints | None) -> None:
-    assert (native is None) == (numpy is None)
-    if native is None or numpy is None:
-        return
-    # The same stations: these are the same inliers.
-    np.testing.assert_allclose(native.along, numpy.along, rtol=0.0, atol=1e-12)
+def assert_same(native: Edges, numpy: Edges) -> None:
+    # The same number of points, each in the same place: these are the same inliers.
+    np.testing.assert_array_equal(native.counts, numpy.counts)
     np.testing.assert_allclose(native.points, numpy.points, rtol=0.0, atol=POINTS)
-    np.testing.assert_allclose(native.offsets, numpy.offsets, rtol=0.0, atol=1e-6)
-    np.testing.assert_allclose(native.line, numpy.line, rtol=0.0, atol=1e-6)
-    assert native.support == numpy.support
-    assert native.ambiguous == numpy.ambiguous
-    assert native.deviation == pytest.approx(numpy.deviation, abs=1e-6)
-    assert native.slope == pytest.approx(numpy.slope, abs=1e-6)
+    np.testing.assert_array_equal(native.support, numpy.support)
+    np.testing.assert_array_equal(native.ambiguous, numpy.ambiguous)
+    for name in ("lines", "deviation", "slopes"):
+        mine, other = getattr(native, name), getattr(numpy, name)
+        np.testing.assert_allclose(mine, other, rtol=0.0, atol=1e-6, err_msg=name)
+    for mine, other in zip(native, numpy, strict=True):
+        assert mine.dtype == other.dtype
+        assert mine.shape == other.shape
 
 
 @needs_native
@@ -89,10 +94,9 @@ def test_kernels_find_the_same_points(camera, beyond, monkeypatch):
         native, numpy = by_both(
             monkeypatch, camera, image, random_rulings(rng, camera, image), beyond
         )
-        for one, other in zip(native, numpy, strict=True):
-            assert_same(one, other)
-        found += sum(each is not None for each in numpy)
-        ambiguous += sum(each is not None and each.ambiguous for each in numpy)
+        assert_same(native, numpy)
+        found += np.count_nonzero(numpy.counts)
+        ambiguous += np.count_nonzero(numpy.ambiguous)
     # Far beyond their ends few lines go on.
     assert found > (50 if beyond < 1.0 else 2)
     assert ambiguous > 0 or beyond > 1.0
@@ -108,10 +112,9 @@ def test_kernels_decide_ties_the_same_way(monkeypatch):
     ends = np.array([[-0.4, 0.0], [0.4, 0.0]])
     for row in np.arange(100.0, 150.0, 0.5):
         own = ends + np.array([0.0, (row - camera.cy) / camera.fy])
-        rulings = [Ruling(own, (s, s), slope) for s in (1.0, 2.5, 6.0) for slope in (-20.0, 20.0)]
+        rulings = rulings_of(*((own, s, k) for s in (1.0, 2.5, 6.0) for k in (-20.0, 20.0)))
         native, numpy = by_both(monkeypatch, camera, image, rulings)
-        for one, other in zip(native, numpy, strict=True):
-            assert_same(one, other)
+        assert_same(native, numpy)
 
 
 @needs_native
@@ -127,21 +130,23 @@ def test_kernels_agree_on_what_cannot_be_searched(monkeypatch):
         [[-1e8, 0.0], [1e8, 0.0]],
     ]
     with np.errstate(invalid="ignore", over="ignore"):
-        rulings = [Ruling(np.array(each), (2.0, 2.0), 10.0) for each in ends]
-        native, numpy = by_both(monkeypatch, camera, image, rulings)
-    assert native == numpy == [None] * len(ends)
-    assert by_both(monkeypatch, camera, image, []) == ([], [])
-    flat = [Ruling(np.array([[-0.2, 0.0], [0.2, 0.0]]), (2.0, 2.0), 0.0)]
-    assert by_both(monkeypatch, camera, image, flat) == ([None], [None])
+        rulings = rulings_of(*((each, 2.0, 10.0) for each in ends))
+        found = [by_both(monkeypatch, camera, image, rulings)]
+    found.append(by_both(monkeypatch, camera, image, rulings.part([])))
+    flat = rulings_of(([[-0.2, 0.0], [0.2, 0.0]], 2.0, 0.0))
+    found.append(by_both(monkeypatch, camera, image, flat))
+    for (native, numpy), count in zip(found, (len(ends), 0, 1), strict=True):
+        assert_same(native, numpy)
+        assert native.counts.tolist() == [0] * count
 
 
 @needs_native
 def test_a_sigma_that_is_not_finite_is_refused_by_both(monkeypatch):
-    ruling = Ruling(np.array([[-0.2, 0.0], [0.2, 0.0]]), (2.0, np.nan), 10.0)
+    rulings = rulings_of(([[-0.2, 0.0], [0.2, 0.0]], np.nan, 10.0))
     for kernel in ("native", "numpy"):
         monkeypatch.setenv("RULEDGRAPH_KERNEL", kernel)
         with pytest.raises(ValueError, match=r"not finite|NaN"):
-            search_all(Gradient(np.zeros((240, 320), np.uint8)), CAMERAS[0], [ruling])
+            search_all(Gradient(np.zeros((240, 320), np.uint8)), CAMERAS[0], rulings)
 
 
 def test_without_the_native_kernel_numpy_searches(monkeypatch):
@@ -149,7 +154,7 @@ def test_without_the_native_kernel_numpy_searches(monkeypatch):
     monkeypatch.delenv("RULEDGRAPH_KERNEL", raising=False)
     image = np.full((240, 320), 60, np.uint8)
     image[120:] = 160
-    ruling = Ruling(np.array([[-0.4, 0.0], [0.4, 0.0]]), (2.0, 2.0), 20.0)
-    found = search_all(Gradient(image), CAMERAS[0], [ruling])[0]
-    assert found is not None
+    rulings = rulings_of(([[-0.4, 0.0], [0.4, 0.0]], 2.0, 20.0))
+    found = search_all(Gradient(image), CAMERAS[0], rulings)
+    assert found.counts[0] == len(found.points) > 8
     np.testing.assert_allclose(found.points[:, 1] * 310.0 + 120.0, 119.5, atol=1e-3)
