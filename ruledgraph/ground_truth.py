@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ruledgraph.text_table import Table, TableError, read_table
 from ruledgraph.trajectory import Trajectory, TrajectoryError, continuous, unit
@@ -140,6 +139,9 @@ def _kitti(table: Table, times: Path) -> GroundTruth:
     wrong = (defect > _ORTHONORMAL) | (np.linalg.det(R) < 0.0)
     if wrong.any():
         raise table.error(int(np.argmax(wrong)), "its first three columns are no rotation")
+    # Loaded here: it takes a third of a second, and other formats have quaternions.
+    from scipy.spatial.transform import Rotation
+
     quaternions = np.where(finite[:, None], Rotation.from_matrix(R).as_quat(), np.nan)
     return _cleaned(str(table.path), stamps, matrices[:, :, 3], quaternions)
 

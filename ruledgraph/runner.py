@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from ruledgraph.ahead import ahead
 from ruledgraph.config import Config
@@ -17,12 +17,14 @@ from ruledgraph.evaluation import accuracy
 from ruledgraph.ground_truth import GroundTruth
 from ruledgraph.lines import LineEstimate
 from ruledgraph.measurements import Frame, Measurement
-from ruledgraph.paper_solver import PaperOdometry
 from ruledgraph.pipeline import Odometry
 from ruledgraph.results import Results
 from ruledgraph.sensors import Calibration
 from ruledgraph.trajectory import read_tum
 from ruledgraph.versions import machine_text, version_text
+
+if TYPE_CHECKING:  # its optimiser takes a third of a second to load
+    from ruledgraph.paper_solver import PaperOdometry
 
 Solver = Literal["graph", "paper"]
 """The factor graph, or the paper's own as a baseline."""
@@ -99,7 +101,7 @@ def run(
     Raises:
         RuledgraphError: for a recording that holds nothing to work on; results are in `output`.
     """
-    odometry = PaperOdometry(calibration) if solver == "paper" else Odometry(calibration, config)
+    odometry = _odometry(solver, calibration, config)
     if solver == "graph":
         measurements = ahead(measurements, _prepare, _AHEAD)
     tally = _Tally()
@@ -139,13 +141,23 @@ def run(
     return summary
 
 
+def _odometry(
+    solver: Solver, calibration: Calibration, config: Config
+) -> "Odometry | PaperOdometry":
+    if solver == "graph":
+        return Odometry(calibration, config)
+    from ruledgraph.paper_solver import PaperOdometry
+
+    return PaperOdometry(calibration)
+
+
 def _prepare(measurement: Measurement) -> None:
     if isinstance(measurement, Frame):
         _ = measurement.gradient
 
 
 def _hand_over(
-    odometry: Odometry | PaperOdometry,
+    odometry: "Odometry | PaperOdometry",
     writers: Sequence[Record],
     tally: _Tally,
     frame: Frame | None,
@@ -163,14 +175,14 @@ def _hand_over(
     tally.statuses.update(estimate.status for estimate in live)
 
 
-def _progress(odometry: Odometry | PaperOdometry, tally: _Tally) -> Progress:
+def _progress(odometry: "Odometry | PaperOdometry", tally: _Tally) -> Progress:
     window = odometry.window
     status = "waiting for a start" if window is None else odometry.status
     return Progress(tally.frames, tally.seconds, 0 if window is None else len(window.lines), status)
 
 
 def _summary(
-    odometry: Odometry | PaperOdometry,
+    odometry: "Odometry | PaperOdometry",
     tally: _Tally,
     elapsed: float,
     warnings: list[str],

@@ -5,11 +5,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import gtsam
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation, Slerp
 
 from ruledgraph.closing import Closing
 from ruledgraph.errors import RuledgraphError
@@ -70,10 +70,9 @@ class Trajectory:
     @classmethod
     def from_poses(cls, stamps: ArrayLike, poses: Sequence[gtsam.Pose3]) -> "Trajectory":
         """The trajectory through poses, one a stamp (N,), ns."""
-        positions = [pose.translation() for pose in poses]
-        rotations = np.reshape([pose.rotation().matrix() for pose in poses], (-1, 3, 3))
-        quaternions = Rotation.from_matrix(rotations).as_quat() if poses else np.empty((0, 4))
-        return cls(np.asarray(stamps), np.reshape(positions, (-1, 3)), quaternions)
+        positions = np.reshape([pose.translation() for pose in poses], (-1, 3))
+        quaternions = np.reshape([_quaternion(pose) for pose in poses], (-1, 4))
+        return cls(np.asarray(stamps), positions, quaternions)
 
     def poses(self) -> list[gtsam.Pose3]:
         """The poses, one a stamp."""
@@ -98,6 +97,9 @@ class Trajectory:
         if len(self) == 1:
             index = np.zeros(wanted.size, dtype=np.int64)
             return Trajectory(wanted, self.positions[index], self.quaternions[index])
+        # Loaded here: it takes a third of a second, and those who only write need it not.
+        from scipy.spatial.transform import Rotation, Slerp
+
         # Differences fit float64 exactly for 104 days.
         at = (wanted - self.stamps[0]).astype(np.float64)
         knots = (self.stamps - self.stamps[0]).astype(np.float64)
@@ -114,6 +116,12 @@ class Trajectory:
         with TumWriter(path) as writer:
             for row in zip(self.stamps, self.positions, self.quaternions, strict=True):
                 writer.append_row(*row)
+
+
+def _quaternion(pose: gtsam.Pose3) -> FloatArray:
+    """x, y, z, w."""
+    q: Any = pose.rotation().toQuaternion()  # GTSAM's stub does not know its type
+    return np.array([q.x(), q.y(), q.z(), q.w()])
 
 
 class TumWriter(Closing):
@@ -136,8 +144,7 @@ class TumWriter(Closing):
 
     def append(self, stamp: int, pose: gtsam.Pose3) -> None:
         """Write world_T_body at a stamp, ns, later than the last."""
-        quaternion = Rotation.from_matrix(pose.rotation().matrix()).as_quat()
-        self.append_row(stamp, pose.translation(), quaternion)
+        self.append_row(stamp, pose.translation(), _quaternion(pose))
 
     def append_row(self, stamp: int, position: FloatArray, quaternion: FloatArray) -> None:
         """Write a position (3,), m, and a unit quaternion x, y, z, w (4,)."""

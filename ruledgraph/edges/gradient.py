@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The image gradient, sampled between pixels."""
 
+import threading
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +19,35 @@ _SCALE = 1.0 / 32.0
 _BORDER = 3.0
 
 
+class _Scratch(threading.local):
+    """Four images of floats, used again by each thread: to ask the system for the memory of every
+    frame anew takes longer than all that is computed in it.
+    """
+
+    def __init__(self) -> None:
+        self._images = np.empty((4, 0, 0), np.float32)
+
+    def of(self, shape: tuple[int, ...]) -> NDArray[np.float32]:
+        """(4, height, width); what is in them has no meaning."""
+        if self._images.shape[1:] != shape:
+            self._images = np.empty((4, *shape), np.float32)
+        return self._images
+
+
+_scratch = _Scratch()
+
+
 class Gradient:
     """Gradient of a lightly blurred image, in grey levels per pixel."""
 
     def __init__(self, image: NDArray[np.uint8]) -> None:
         self.image = image
         self.height, self.width = image.shape
-        blurred = cv2.GaussianBlur(image.astype(np.float32), (9, 9), _BLUR)
-        x = cv2.Scharr(blurred, cv2.CV_32F, 1, 0, scale=_SCALE)
-        y = cv2.Scharr(blurred, cv2.CV_32F, 0, 1, scale=_SCALE)
+        grey, blurred, x, y = _scratch.of(image.shape)
+        np.copyto(grey, image)
+        cv2.GaussianBlur(grey, (9, 9), _BLUR, dst=blurred)
+        cv2.Scharr(blurred, cv2.CV_32F, 1, 0, dst=x, scale=_SCALE)
+        cv2.Scharr(blurred, cv2.CV_32F, 0, 1, dst=y, scale=_SCALE)
         # Side by side in memory: one look-up fetches both.
         self.xy = np.asarray(cv2.merge([x, y]), np.float32)
         """(height, width, 2)."""

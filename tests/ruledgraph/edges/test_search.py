@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -137,3 +139,13 @@ def test_a_faint_neighbour_does_not_matter():
     beside = line_through(*shifted(ENDS, (-4.0, -4.0), CAMERA))
     image = edge_image(CAMERA, [(line, 60.0), (beside, -10.0)], dark=90.0)
     assert search(Gradient(image), CAMERA, Ruling(ENDS, (1.0, 1.0), 20.0)) is not None
+
+
+def test_gradients_do_not_share_what_they_hold():
+    rng = np.random.default_rng(0)
+    images = [rng.integers(0, 255, size, dtype=np.uint8) for size in ((40, 60), (30, 50), (40, 60))]
+    alone = [Gradient(image).xy.copy() for image in images]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(Gradient, images * 20))
+    for i, gradient in enumerate(together):
+        np.testing.assert_array_equal(gradient.xy, alone[i % 3])
