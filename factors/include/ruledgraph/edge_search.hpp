@@ -42,7 +42,11 @@ struct GradientView {
 
   /// Derivative along a unit direction by bilinear interpolation; outside the image 0.
   float along(Point pixel, Point direction) const {
-    if (!inside(pixel)) return 0.0F;
+    return inside(pixel) ? interpolated(pixel, direction) : 0.0F;
+  }
+
+  /// `along` of a pixel that is inside.
+  float interpolated(Point pixel, Point direction) const {
     const auto column = static_cast<std::int64_t>(pixel.x);
     const auto row = static_cast<std::int64_t>(pixel.y);
     const auto u = static_cast<float>(pixel.x - static_cast<double>(column));
@@ -85,6 +89,12 @@ struct Station {
   double along;
   Point normalised, pixel, across;
 };
+
+/// `std::nearbyint` without the call: beyond 2^52 a double has no fraction left. Of small numbers.
+inline double nearest(double x) {
+  constexpr double kWhole = 6755399441055744.0;  // 1.5 * 2^52
+  return (x + kWhole) - kWhole;
+}
 
 /// A local maximum of the slope.
 struct Candidate {
@@ -163,8 +173,13 @@ inline std::vector<Candidate> maxima(const GradientView& gradient, const Ruling&
     const auto slope = [&](int step) {
       return gradient.along(station.pixel + step * station.across, station.across) * sign;
     };
+    // With both ends all between them is inside.
+    const bool inside = gradient.inside(station.pixel - reach * station.across) &&
+                        gradient.inside(station.pixel + reach * station.across);
     for (int step = -reach; step <= reach; ++step) {
-      slopes[static_cast<std::size_t>(step + reach)] = slope(step);
+      const Point at = station.pixel + step * station.across;
+      slopes[static_cast<std::size_t>(step + reach)] =
+          inside ? gradient.interpolated(at, station.across) * sign : slope(step);
     }
     for (int step = -half; step <= half; ++step) {
       const float* at = slopes.data() + (step + reach);
@@ -205,7 +220,7 @@ inline std::pair<StraightLine, bool> vote(const std::vector<Candidate>& candidat
   for (int b = -steepest; b <= steepest; ++b) {
     std::fill(votes.begin(), votes.end(), 0.0);
     for (const Candidate& c : candidates) {
-      const int cell = static_cast<int>(std::nearbyint(c.offset - c.s() * b)) + reach;
+      const int cell = static_cast<int>(nearest(c.offset - c.s() * b)) + reach;
       if (cell >= 0 && cell <= 2 * reach) votes[static_cast<std::size_t>(cell)] += 1.0;
     }
     for (std::size_t i = 0; i < bins; ++i) {
