@@ -6,10 +6,12 @@ For all tracks of a frame at once, in arrays whose first axis is the track.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
 
+from ruledgraph.edges import kernel
 from ruledgraph.edges.batch import Rulings
 from ruledgraph.edges.search import normal_of
 from ruledgraph.lines import GraphLine
@@ -21,6 +23,8 @@ from ruledgraph_factors.so3 import hat
 _MOTION_SIGMA, _MOST_SIGMA = 1.2, 8.0
 # Below this depth a point is too close to the camera to be told from one behind it, m.
 _NEAREST = 0.05
+# The image of a line whose moment is shorter passes through everything: it goes through the camera.
+_THROUGH_CENTRE = 1e-9
 
 
 def by_rotation(
@@ -57,41 +61,70 @@ def by_estimate(
     """
     if not lines:
         return otherwise
-    plucker = np.array([line.plucker[0] for line in lines])
-    by_delta = np.array([line.plucker[1] for line in lines])
+    known = _Known(
+        plucker=np.array([line.plucker[0] for line in lines]),
+        by_delta=np.array([line.plucker[1] for line in lines]),
+        covariances=np.array([line.covariance for line in lines]),
+        seen=np.array([line.track.ends for line in lines]),
+        floors=np.array([_MOTION_SIGMA * 1.5**line.track.misses for line in lines]),
+    )
+    poses = world_T_before.matrix(), world_T_cam.matrix()
+    predict = kernel.native.predict_all if kernel.is_native() else predict_in_numpy
+    ends, sigmas = predict(*known, *poses, otherwise.ends, otherwise.sigmas, focal)
+    return Rulings(ends.reshape(-1, 2, 2), sigmas, otherwise.slopes)
+
+
+class _Known(NamedTuple):
+    """What is known of N lines."""
+
+    plucker: FloatArray
+    """World coordinates, (N, 6)."""
+    by_delta: FloatArray
+    """Their derivative, (N, 6, 4)."""
+    covariances: FloatArray
+    """Of delta, (N, 4, 4)."""
+    seen: FloatArray
+    """Ends in the last frame, (N, 2, 2)."""
+    floors: FloatArray
+    """Least deviation, (N,), px."""
+
+
+def predict_in_numpy(
+    plucker: FloatArray,
+    by_delta: FloatArray,
+    covariances: FloatArray,
+    seen: FloatArray,
+    floors: FloatArray,
+    world_T_before: FloatArray,
+    world_T_cam: FloatArray,
+    ends: FloatArray,
+    sigmas: FloatArray,
+    focal: float,
+) -> tuple[FloatArray, FloatArray]:
+    """The reference of `_native_search.predict_all`."""
     moment, direction = plucker[:, :3], plucker[:, 3:]
-    R, p = world_T_cam.rotation().matrix(), world_T_cam.translation()
+    R, p = world_T_cam[:3, :3], world_T_cam[:3, 3]
     by_place = hat(p)
     m = (moment - direction @ by_place.T) @ R
     size = np.hypot(m[:, 0], m[:, 1])[:, None]
-    ends = otherwise.ends
     with np.errstate(divide="ignore", invalid="ignore"):
-        in_cam = _ends_in_space(lines, moment, direction, world_T_before) - p
-        in_cam = in_cam @ R
+        in_cam = (_ends_in_space(seen, moment, direction, world_T_before) - p) @ R
         ahead = in_cam[..., 2:] > _NEAREST
-        ends = np.where(ahead, in_cam[..., :2] / in_cam[..., 2:], ends)
+        found = np.where(ahead, in_cam[..., :2] / in_cam[..., 2:], ends)
         # Onto the ruling.
-        off = np.einsum("nei,ni->ne", _rays(ends), m)
-        ends = ends - off[..., None] * (m[:, :2] / size**2)[:, None]
+        off = np.einsum("nei,ni->ne", _rays(found), m)
+        found = found - off[..., None] * (m[:, :2] / size**2)[:, None]
         by_m = R.T @ (by_delta[:, :3] - by_place @ by_delta[:, 3:])
-        gradient = _rays(ends) @ by_m / size[..., None]
-    covariances = np.array([line.covariance for line in lines])
-    variance = np.einsum("nei,nij,nej->ne", gradient, covariances, gradient)
-    floor = _MOTION_SIGMA * 1.5 ** np.array([[line.track.misses] for line in lines])
-    sigmas = np.minimum(np.hypot(focal * np.sqrt(np.maximum(variance, 0.0)), floor), _MOST_SIGMA)
-    apart = size[..., None] >= 1e-9
-    return Rulings(
-        np.where(apart, ends, otherwise.ends),
-        np.where(apart[..., 0], sigmas, otherwise.sigmas),
-        otherwise.slopes,
-    )
+        gradient = _rays(found) @ by_m / size[..., None]
+        variance = np.einsum("nei,nij,nej->ne", gradient, covariances, gradient)
+        spread = np.hypot(focal * np.sqrt(np.maximum(variance, 0.0)), floors[:, None])
+    apart = size >= _THROUGH_CENTRE
+    found = np.where(apart[..., None], found, ends)
+    return found, np.where(apart, np.minimum(spread, _MOST_SIGMA), sigmas)
 
 
 def _ends_in_space(
-    lines: Sequence[GraphLine],
-    moment: FloatArray,
-    direction: FloatArray,
-    world_T_before: gtsam.Pose3,
+    seen: FloatArray, moment: FloatArray, direction: FloatArray, world_T_before: FloatArray
 ) -> FloatArray:
     """The points of the lines closest to the rays through their tracks' ends, (N, 2, 3), in the
     world; NaN where they are parallel or the line is at infinity.
@@ -99,11 +132,10 @@ def _ends_in_space(
     length = np.linalg.norm(direction, axis=1, keepdims=True)
     unit = direction / np.where(length > 1e-6, length, np.nan)
     foot = (hat(unit) @ (moment / length)[..., None])[..., 0]
-    rays = _rays(np.array([line.track.ends for line in lines]))
-    rays = rays @ world_T_before.rotation().matrix().T
+    rays = _rays(seen) @ world_T_before[:3, :3].T
     rays /= np.linalg.norm(rays, axis=2, keepdims=True)
     cosine = np.einsum("nei,ni->ne", rays, unit)
-    offset = world_T_before.translation() - foot
+    offset = world_T_before[:3, 3] - foot
     sine2 = 1.0 - cosine * cosine
     along = np.einsum("ni,ni->n", unit, offset)[:, None]
     along = along - cosine * np.einsum("nei,ni->ne", rays, offset)

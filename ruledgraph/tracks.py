@@ -125,39 +125,36 @@ class Tracker:
         seen = [self.tracks[i] for i in np.flatnonzero(found).tolist()]
         if seen:
             edges = edges.part(good)
-            self._move(time, seen, ends[found], edges)
+            self._move(time, seen, edges)
             self._sight(stamp, seen, edges)
         return seen
 
     def _search(self, gradient: Gradient, rulings: Rulings) -> Edges:
         if self._config.points == "sobel":
             edges, gate = sobel_points(gradient.image), self._config.gate
-            return stacked(
-                [search_sobel(edges, self._camera, each, gate) for each in rulings.one_by_one()]
-            )
+            found = [search_sobel(edges, self._camera, each, gate) for each in rulings.one_by_one()]
+            return stacked(rulings, found)
         beyond = _BEYOND if self._config.bounded else 10.0
         return search_all(gradient, self._camera, rulings, beyond)
 
     def _sight(self, stamp: int, tracks: Sequence[Track], edges: Edges) -> None:
-        most, points = self._config.effective_points, edges.points_of_each()
-        compressed = CompressedPoints.from_frames(points, effective_points=most)
-        for track, own, statistics in zip(tracks, points, compressed.statistics, strict=True):
-            track.sightings.append(Sighting(stamp, own, statistics))
+        # As `CompressedPoints.from_frames` caps what a frame counts for.
+        share = np.minimum(1.0, self._config.effective_points / edges.counts)
+        statistics = np.sqrt(share)[:, None, None] * edges.statistics
+        for i, (track, points) in enumerate(zip(tracks, edges.points_of_each(), strict=True)):
+            track.sightings.append(Sighting(stamp, points, statistics[i]))
 
-    def _move(
-        self, time: float, tracks: Sequence[Track], predicted: FloatArray, edges: Edges
-    ) -> None:
-        """Take tracks from their predicted ends (N, 2, 2) to where they were found."""
+    def _move(self, time: float, tracks: Sequence[Track], edges: Edges) -> None:
+        """Take tracks to where they were found."""
         offsets = np.cumsum(edges.lines, axis=1)  # at both ends
         elapsed = time - np.array([track.last_seen for track in tracks])
         gains = np.where([track.misses == 0 for track in tracks], 0.7, 0.3)
         gains /= np.maximum(elapsed, 1e-3)
         rates = np.array([track.rates for track in tracks]) + gains[:, None] * offsets
-        ends = _extents(predicted, edges)
-        along = ends[:, 1] - ends[:, 0]
+        along = edges.ends[:, 1] - edges.ends[:, 0]
         short = np.hypot(along[:, 0], along[:, 1]) * self._camera.focal_length < _SHORTEST
         for i, (track, slope) in enumerate(zip(tracks, edges.slopes.tolist(), strict=True)):
-            track.ends, track.rates = ends[i], rates[i]
+            track.ends, track.rates = edges.ends[i], rates[i]
             track.sigma = max(_LEAST_SIGMA + 0.8, 0.7 * track.sigma)
             track.slope = 0.8 * track.slope + 0.2 * slope
             track.misses, track.last_seen = 0, time
@@ -198,23 +195,18 @@ class Tracker:
         edges = search_all(gradient, self._camera, rulings)
         # Seen well enough to be followed.
         full = (edges.counts > 0) & (edges.deviation <= self._straight) & (edges.support >= _FULL)
-        if not np.any(full):
-            return
         edges = edges.part(full)
-        ends = _extents(rulings.ends[full], edges)
-        new = ~np.any(self._twins(ends, edges.slopes, *_segments(self.tracks)), axis=1)
-        ends, edges = ends[new], edges.part(new)
+        twins = self._twins(edges.ends, edges.slopes, *_segments(self.tracks))
+        edges = edges.part(~np.any(twins, axis=1))
         # Two candidates may be one line as well.
-        twins = self._twins(ends, edges.slopes, ends, edges.slopes)
-        kept = np.zeros(len(ends), dtype=bool)
+        twins = self._twins(edges.ends, edges.slopes, edges.ends, edges.slopes)
+        kept = np.zeros(len(twins), dtype=bool)
         kept[_first_of_twins(twins)[:wanted]] = True
-        if not np.any(kept):
-            return
-        ends, edges = ends[kept], edges.part(kept)
+        edges = edges.part(kept)
         started = []
-        for own, slope in zip(ends, edges.slopes.tolist(), strict=True):
+        for ends, slope in zip(edges.ends, edges.slopes.tolist(), strict=True):
             self._next += 1
-            started.append(Track(self._next, born=time, ends=own, slope=slope, last_seen=time))
+            started.append(Track(self._next, born=time, ends=ends, slope=slope, last_seen=time))
         self._sight(stamp, started, edges)
         self.tracks += started
 
@@ -298,25 +290,3 @@ def _segments(tracks: Sequence[Track]) -> tuple[FloatArray, FloatArray]:
     """Ends (N, 2, 2) and slopes (N,)."""
     ends = np.array([track.ends for track in tracks]).reshape(-1, 2, 2)
     return ends, np.array([track.slope for track in tracks])
-
-
-def _extents(ends: FloatArray, found: Edges) -> FloatArray:
-    """Segments' ends (N, 2, 2) moved onto the lines through their points, and towards the
-    outermost ones.
-    """
-    points, counts = found.points, found.counts
-    first = np.cumsum(counts) - counts
-    middle = np.add.reduceat(points, first) / counts[:, None]
-    from_middle = points - np.repeat(middle, counts, axis=0)
-    x, y = from_middle.T
-    xx, xy, yy = (np.add.reduceat(product, first) for product in (x * x, x * y, y * y))
-    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    backwards = np.sum(direction * (ends[:, 1] - ends[:, 0]), axis=1) < 0.0
-    direction[backwards] *= -1.0
-    # One stray point does not stretch it: the second and the last but one, in order along it.
-    outer = from_middle[np.stack([first + 1, first + counts - 2], axis=1)]
-    reached = np.einsum("nei,ni->ne", outer, direction)
-    predicted = np.einsum("nei,ni->ne", ends - middle[:, None], direction)
-    along = predicted + 0.3 * (reached - predicted)
-    return np.asarray(middle[:, None] + along[..., None] * direction[:, None])

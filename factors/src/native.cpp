@@ -8,13 +8,12 @@
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/vector.h>
 
-#include <Eigen/QR>
-#include <algorithm>
 #include <cstdint>
 #include <stdexcept>
 #include <utility>
 #include <vector>
 
+#include "ruledgraph/compress.hpp"
 #include "ruledgraph/preintegration.hpp"
 #include "ruledgraph/ruled_surface.hpp"
 
@@ -129,10 +128,10 @@ ReprojectionSurface* make_reprojection(const Geometry& geometry, Rows<const doub
   return new ReprojectionSurface{geometry, std::move(individual)};
 }
 
-/// Triangular factor of the QR decomposition of each frame's weighted points (x, y, 1).
-nb::ndarray<nb::numpy, double> compress(Rows<const double, -1, 2> points,
-                                        const Eigen::VectorXd& sqrt_weights,
-                                        Rows<const std::int64_t, -1> counts) {
+/// Of each frame.
+nb::ndarray<nb::numpy, double> compress_frames(Rows<const double, -1, 2> points,
+                                               const Eigen::VectorXd& sqrt_weights,
+                                               Rows<const std::int64_t, -1> counts) {
   const std::size_t frames = counts.shape(0);
   require(static_cast<std::size_t>(sqrt_weights.size()) == points.shape(0),
           "points and sqrt_weights differ in length");
@@ -143,15 +142,9 @@ nb::ndarray<nb::numpy, double> compress(Rows<const double, -1, 2> points,
   for (std::size_t i = 0; i < frames; ++i) {
     const auto count = static_cast<Index>(counts.data()[i]);
     require(count >= 0 && first + count <= sqrt_weights.size(), "counts: not those of the points");
-    Eigen::Matrix<double, Eigen::Dynamic, 3> rows(count, 3);
-    rows.leftCols<2>() =
-        RowMajorMap<Eigen::Dynamic, 2>(points.data() + 2 * first, count, 2).array().colwise() *
-        sqrt_weights.segment(first, count).array();
-    rows.col(2) = sqrt_weights.segment(first, count);
-    const Index height = std::min<Index>(count, 3);
-    const Eigen::HouseholderQR<Eigen::Matrix<double, Eigen::Dynamic, 3>> qr(rows);
-    Eigen::Map<RowMajor<3, 3>>(statistics->data() + 9 * i).topRows(height) =
-        qr.matrixQR().topRows(height).triangularView<Eigen::Upper>();
+    const RowMajorMap<Eigen::Dynamic, 2> own(points.data() + 2 * first, count, 2);
+    Eigen::Map<RowMajor<3, 3>>(statistics->data() + 9 * i) =
+        compress(own, sqrt_weights.segment(first, count));
     first += count;
   }
   const std::size_t shape[3] = {frames, 3, 3};
@@ -221,7 +214,8 @@ NB_MODULE(_native, module) {
            nb::arg("sqrt_weights"), nb::arg("frame"));
   module.def("plucker", &plucker_pair, nb::arg("world_T_anchor"), nb::arg("basis"),
              nb::arg("angle"), nb::arg("delta"));
-  module.def("compress", &compress, nb::arg("points"), nb::arg("sqrt_weights"), nb::arg("counts"));
+  module.def("compress", &compress_frames, nb::arg("points"), nb::arg("sqrt_weights"),
+             nb::arg("counts"));
   module.def("segments", &segments, nb::arg("times"), nb::arg("force"), nb::arg("rate"),
              nb::arg("breaks"), nb::arg("bias"));
   module.def("integrate", &integrate, nb::arg("force"), nb::arg("rate"), nb::arg("dt"),

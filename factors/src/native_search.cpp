@@ -20,7 +20,9 @@
 #include <vector>
 
 #include "ruledgraph/camera.hpp"
+#include "ruledgraph/compress.hpp"
 #include "ruledgraph/edge_search.hpp"
+#include "ruledgraph/prediction.hpp"
 
 namespace nb = nanobind;
 
@@ -30,7 +32,11 @@ using namespace ruledgraph;
 
 template <typename Scalar, Eigen::Index... Shape>
 using Rows = nb::ndarray<const Scalar, nb::shape<Shape...>, nb::c_contig, nb::device::cpu>;
-using PointRows = Eigen::Matrix<double, Eigen::Dynamic, 2, Eigen::RowMajor>;
+using Eigen::Index;
+template <int Height, int Width>
+using RowMajor = Eigen::Matrix<double, Height, Width, Eigen::RowMajor>;
+template <int Width>
+using Table = RowMajor<Eigen::Dynamic, Width>;
 using Column = Eigen::VectorXd;
 using Counts = Eigen::Matrix<std::int64_t, Eigen::Dynamic, 1>;
 using Mask = Eigen::Array<bool, Eigen::Dynamic, 1>;
@@ -54,6 +60,11 @@ Camera make_camera(int width, int height, double fx, double fy, double cx, doubl
   return camera;
 }
 
+/// A Point is two doubles, one after the other.
+Eigen::Map<const PointRows> in_rows(const std::vector<Point>& points) {
+  return {points.empty() ? nullptr : &points.front().x, static_cast<Index>(points.size()), 2};
+}
+
 nb::tuple search_all(Rows<float, -1, -1, 2> gradient, const Camera& camera,
                      Rows<double, -1, 2, 2> ends, Rows<double, -1, 2> sigmas,
                      Rows<double, -1> slopes, double beyond) {
@@ -62,13 +73,15 @@ nb::tuple search_all(Rows<float, -1, -1, 2> gradient, const Camera& camera,
           "ends, sigmas and slopes differ in length");
   const GradientView view{gradient.data(), static_cast<int>(gradient.shape(1)),
                           static_cast<int>(gradient.shape(0))};
-  const auto rows = static_cast<Eigen::Index>(count);
+  const auto rows = static_cast<Index>(count);
   std::vector<Point> points;
   Counts counts = Counts::Zero(rows);
-  PointRows lines = PointRows::Zero(rows, 2);
+  Table<4> moved = Table<4>::Zero(rows, 4);
+  Table<9> statistics = Table<9>::Zero(rows, 9);
+  Table<2> lines = Table<2>::Zero(rows, 2);
   Column support = Column::Zero(rows), deviation = Column::Zero(rows), slope = Column::Zero(rows);
   Mask ambiguous = Mask::Constant(rows, false);
-  for (Eigen::Index i = 0; i < rows; ++i) {
+  for (Index i = 0; i < rows; ++i) {
     const double* end = ends.data() + 4 * i;
     const double* sigma = sigmas.data() + 2 * i;
     require(std::isfinite(sigma[0]) && std::isfinite(sigma[1]), "a sigma is not finite");
@@ -77,18 +90,55 @@ nb::tuple search_all(Rows<float, -1, -1, 2> gradient, const Camera& camera,
                {{end[0], end[1]}, {end[2], end[3]}, sigma[0], sigma[1], slopes.data()[i]}, beyond);
     if (!found) continue;
     points.insert(points.end(), found->points.begin(), found->points.end());
-    counts[i] = static_cast<std::int64_t>(found->points.size());
+    counts[i] = static_cast<Index>(found->points.size());
+    moved.row(i) << found->first.x, found->first.y, found->second.x, found->second.y;
+    const RowMajor<3, 3> C = compress(in_rows(found->points), Column::Ones(counts[i]));
+    statistics.row(i) = Eigen::Map<const Eigen::RowVectorXd>(C.data(), 9);
     lines.row(i) << found->line.a, found->line.b;
     support[i] = found->support;
     deviation[i] = found->deviation;
     slope[i] = found->slope;
     ambiguous[i] = found->ambiguous;
   }
-  // A Point is two doubles, one after the other.
-  const PointRows stacked = Eigen::Map<const PointRows>(
-      points.empty() ? nullptr : &points.front().x, static_cast<Eigen::Index>(points.size()), 2);
-  return nb::make_tuple(std::move(counts), stacked, std::move(lines), std::move(support),
+  return nb::make_tuple(std::move(counts), PointRows(in_rows(points)), std::move(moved),
+                        std::move(statistics), std::move(lines), std::move(support),
                         std::move(deviation), std::move(slope), std::move(ambiguous));
+}
+
+CameraPose pose(const Eigen::Matrix4d& world_T_cam) {
+  return {world_T_cam.topLeftCorner<3, 3>(), world_T_cam.topRightCorner<3, 1>()};
+}
+
+nb::tuple predict_all(Rows<double, -1, 6> plucker, Rows<double, -1, 6, 4> by_delta,
+                      Rows<double, -1, 4, 4> covariances, Rows<double, -1, 2, 2> seen,
+                      Rows<double, -1> floors, const Eigen::Matrix4d& world_T_before,
+                      const Eigen::Matrix4d& world_T_cam, Rows<double, -1, 2, 2> ends,
+                      Rows<double, -1, 2> sigmas, double focal) {
+  const std::size_t count = plucker.shape(0);
+  require(by_delta.shape(0) == count && covariances.shape(0) == count && seen.shape(0) == count &&
+              floors.shape(0) == count && ends.shape(0) == count && sigmas.shape(0) == count,
+          "not one of each for every line");
+  const CameraPose before = pose(world_T_before), now = pose(world_T_cam);
+  Table<4> found_ends(count, 4);
+  Table<2> found_sigmas(count, 2);
+  for (std::size_t i = 0; i < count; ++i) {
+    const double* pair = plucker.data() + 6 * i;
+    const double* slopes = by_delta.data() + 24 * i;
+    const UncertainLine line{Eigen::Map<const Vector3>(pair),
+                             Eigen::Map<const Vector3>(pair + 3),
+                             Eigen::Map<const RowMajor<3, 4>>(slopes),
+                             Eigen::Map<const RowMajor<3, 4>>(slopes + 12),
+                             Eigen::Map<const RowMajor<4, 4>>(covariances.data() + 16 * i),
+                             Eigen::Map<const RowMajor<2, 2>>(seen.data() + 4 * i),
+                             floors.data()[i]};
+    const Predicted otherwise{Eigen::Map<const RowMajor<2, 2>>(ends.data() + 4 * i),
+                              Eigen::Map<const Eigen::Vector2d>(sigmas.data() + 2 * i)};
+    const Predicted found = predict(line, before, now, otherwise, focal);
+    const auto row = static_cast<Index>(i);
+    found_ends.row(row) << found.ends.row(0), found.ends.row(1);
+    found_sigmas.row(row) = found.sigmas.transpose();
+  }
+  return nb::make_tuple(std::move(found_ends), std::move(found_sigmas));
 }
 
 }  // namespace
@@ -100,4 +150,7 @@ NB_MODULE(_native_search, module) {
            nb::arg("coefficients"));
   module.def("search_all", &search_all, nb::arg("gradient"), nb::arg("camera"), nb::arg("ends"),
              nb::arg("sigmas"), nb::arg("slopes"), nb::arg("beyond"));
+  module.def("predict_all", &predict_all, nb::arg("plucker"), nb::arg("by_delta"),
+             nb::arg("covariances"), nb::arg("seen"), nb::arg("floors"), nb::arg("world_T_before"),
+             nb::arg("world_T_cam"), nb::arg("ends"), nb::arg("sigmas"), nb::arg("focal"));
 }

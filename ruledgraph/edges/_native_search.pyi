@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""The native edge search, `factors/src/native_search.cpp`: internal, called by `search_all` alone.
+"""Where lines appear and their edges there, natively: `factors/src/native_search.cpp`; internal.
 
 Arrays are C-contiguous. Sizes that do not fit together, an unknown distortion model or a sigma that
 is not finite raise ValueError; types and shapes that do not fit the signature raise TypeError.
@@ -16,6 +16,8 @@ from ruledgraph.sensors import FloatArray
 
 _Found: TypeAlias = tuple[
     NDArray[np.int64],
+    FloatArray,
+    FloatArray,
     FloatArray,
     FloatArray,
     FloatArray,
@@ -48,7 +50,24 @@ def search_all(
     slopes: FloatArray,
     beyond: float,
 ) -> _Found:
-    """Search n rulings: `search` of each, as the fields of `Edges` in their order.
+    """Search n rulings: `search` of each, as the fields of `Edges` in their order, a row for each.
 
     `gradient` is (height, width, 2), `ends` (n, 2, 2), `sigmas` (n, 2), `slopes` (n,).
+    """
+
+def predict_all(
+    plucker: FloatArray,
+    by_delta: FloatArray,
+    covariances: FloatArray,
+    seen: FloatArray,
+    floors: FloatArray,
+    world_T_before: FloatArray,
+    world_T_cam: FloatArray,
+    ends: FloatArray,
+    sigmas: FloatArray,
+    focal: float,
+) -> tuple[FloatArray, FloatArray]:
+    """`prediction.predict_in_numpy` of n lines; the poses are (4, 4).
+
+    Ends (n, 4) and sigmas (n, 2).
     """

@@ -8,15 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ruledgraph.edges import kernel
 from ruledgraph.edges.gradient import Gradient
 from ruledgraph.edges.search import EdgePoints, Ruling, search
 from ruledgraph.sensors import CameraModel, FloatArray
-from ruledgraph_factors import active_kernel
+from ruledgraph_factors import CompressedPoints
 
-try:
-    import ruledgraph.edges._native_search as native
-except ModuleNotFoundError:  # installed where there was no C++ compiler
-    native = None  # type: ignore[assignment]
+# How much of the way to its outermost points a line's end goes.
+_GROWTH = 0.3
 
 
 class Rulings(NamedTuple):
@@ -50,6 +49,10 @@ class Edges(NamedTuple):
     """How many points each has, (N,); 0: there is no such line, and its row has no meaning."""
     points: FloatArray
     """One line's after the other's, (M, 2)."""
+    ends: FloatArray
+    """Those of the rulings, moved by `moved_ends`, (N, 2, 2)."""
+    statistics: FloatArray
+    """All that counts of the points, (N, 3, 3), see `CompressedPoints`."""
     lines: FloatArray
     """(N, 2), px."""
     support: FloatArray
@@ -62,6 +65,8 @@ class Edges(NamedTuple):
         return Edges(
             counts=self.counts[rows],
             points=self.points[np.repeat(rows, self.counts)],
+            ends=self.ends[rows],
+            statistics=self.statistics[rows],
             lines=self.lines[rows],
             support=self.support[rows],
             deviation=self.deviation[rows],
@@ -76,12 +81,31 @@ class Edges(NamedTuple):
         return [self.points[a:b] for a, b in zip(starts, ends.tolist(), strict=True)]
 
 
-def stacked(found: Sequence[EdgePoints | None]) -> Edges:
-    """What `search` found one by one."""
+def moved_ends(ends: FloatArray, points: FloatArray) -> FloatArray:
+    """A segment's ends (2, 2) moved onto the line through points (N, 2), which come in order along
+    it, and towards the outermost ones.
+    """
+    middle = points.mean(axis=0)
+    off = points - middle
+    xx, xy, yy = off[:, 0] @ off[:, 0], off[:, 0] @ off[:, 1], off[:, 1] @ off[:, 1]
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    direction = np.array([np.cos(angle), np.sin(angle)])
+    if direction @ (ends[1] - ends[0]) < 0.0:
+        direction = -direction
+    predicted = (ends - middle) @ direction
+    # One stray point does not stretch it: the second and the last but one.
+    along = predicted + _GROWTH * (off[[1, -2]] @ direction - predicted)
+    return np.asarray(middle + along[:, None] * direction)
+
+
+def stacked(rulings: Rulings, found: Sequence[EdgePoints | None]) -> Edges:
+    """What was found along rulings one by one."""
     n = len(found)
     edges = Edges(
         counts=np.zeros(n, np.int64),
         points=np.concatenate([np.zeros((0, 2)), *(e.points for e in found if e is not None)]),
+        ends=np.zeros((n, 2, 2)),
+        statistics=np.zeros((n, 3, 3)),
         lines=np.zeros((n, 2)),
         support=np.zeros(n),
         deviation=np.zeros(n),
@@ -91,6 +115,8 @@ def stacked(found: Sequence[EdgePoints | None]) -> Edges:
     for i, edge in enumerate(found):
         if edge is not None:
             edges.counts[i], edges.lines[i] = len(edge.points), edge.line
+            edges.ends[i] = moved_ends(rulings.ends[i], edge.points)
+            edges.statistics[i] = CompressedPoints.from_frames([edge.points]).statistics[0]
             edges.support[i], edges.deviation[i] = edge.support, edge.deviation
             edges.slopes[i], edges.ambiguous[i] = edge.slope, edge.ambiguous
     return edges
@@ -104,6 +130,11 @@ def search_all(
     Raises:
         FactorError: when the environment asks for a kernel that there is not.
     """
-    if active_kernel() == "numpy" or native is None:
-        return stacked([search(gradient, camera, each, beyond) for each in rulings.one_by_one()])
-    return Edges(*native.search_all(gradient.xy, native.Camera(**vars(camera)), *rulings, beyond))
+    if not kernel.is_native():
+        found = [search(gradient, camera, each, beyond) for each in rulings.one_by_one()]
+        return stacked(rulings, found)
+    model = kernel.native.Camera(**vars(camera))
+    edges = Edges(*kernel.native.search_all(gradient.xy, model, *rulings, beyond))
+    return edges._replace(
+        ends=edges.ends.reshape(-1, 2, 2), statistics=edges.statistics.reshape(-1, 3, 3)
+    )

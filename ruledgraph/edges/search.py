@@ -140,6 +140,8 @@ def search(
         return None
     station, offset, place = station[chosen], offset[chosen], place[chosen]
     found = camera.undistort(pixels[station] + offset[:, None] * across[station], stations[station])
+    if not np.isfinite(found).all():
+        return None
     a, b = fit_line(place, offset)
     deviation = float(np.sqrt(np.mean((offset - a - b * place) ** 2)))
     return EdgePoints(

@@ -5,11 +5,15 @@ import gtsam
 import numpy as np
 import pytest
 
+from ruledgraph.edges import kernel
 from ruledgraph.lines import GraphLine
 from ruledgraph.prediction import by_estimate, by_rotation
 from ruledgraph.tracks import Track
 from ruledgraph_factors import LineChart
 
+needs_native = pytest.mark.skipif(
+    kernel.native is None, reason="the native kernel was not built (no C++ compiler)"
+)
 FOCAL = 300.0
 BEFORE = gtsam.Pose3(gtsam.Rot3.Ypr(0.1, -0.05, 0.02), np.array([0.2, -0.1, 0.3]))
 NOW = BEFORE.compose(gtsam.Pose3(gtsam.Rot3.Ypr(-0.03, 0.02, 0.01), np.array([0.05, 0.02, -0.1])))
@@ -84,3 +88,30 @@ def test_without_depth_a_track_moves_with_the_rotation_and_on_across_itself():
     np.testing.assert_allclose(turned.ends, rays[:, :2] / rays[:, 2:], atol=1e-12)
     assert turned.sigmas == pytest.approx((track.sigma, track.sigma))
     assert by_rotation([], turn, 0.1, FOCAL).ends.shape == (0, 2, 2)
+
+
+@needs_native
+def test_kernels_predict_the_same(monkeypatch):
+    rng = np.random.default_rng(3)
+    lines = [random_line(rng)[0] for _ in range(40)]
+    for line in lines[:10]:
+        line.covariance = 1e3 * line.covariance
+        line.track.misses = int(rng.integers(4))
+    # Through the camera's centre, along the ray to one end, behind the camera, far away.
+    centre, ahead = NOW.translation(), np.array([0.3, 0.2, 1.0])
+    ray = BEFORE.transformFrom(np.append(lines[11].track.ends[0], 1.0)) - BEFORE.translation()
+    away = np.array([1e9, 0.0, 0.0])
+    for line, first, second in (
+        (lines[10], centre, centre + ahead),
+        (lines[11], BEFORE.translation() + 1e-6, BEFORE.translation() + ray + 1e-6),
+        (lines[12], *(NOW.transformFrom(np.array([x, 0.1, -1.0])) for x in (-1.0, 1.0))),
+        (lines[13], away, away + np.array([0.0, 1.0, 0.5])),
+    ):
+        line.chart = LineChart.from_points(BEFORE, first, second)
+    otherwise = by_rotation([line.track for line in lines], np.eye(3), 0.1, FOCAL)
+    found = []
+    for name in ("native", "numpy"):
+        monkeypatch.setenv("RULEDGRAPH_KERNEL", name)
+        found.append(by_estimate(lines, BEFORE, NOW, otherwise, FOCAL))
+    for mine, other in zip(*found, strict=True):
+        np.testing.assert_allclose(mine, other, rtol=1e-12, atol=1e-12)

@@ -13,6 +13,7 @@
 #include <cstdint>
 #include <cstdlib>
 #include <optional>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -29,6 +30,7 @@ constexpr double kVote = 1.0, kInlier = 0.7;
 constexpr double kApart = 3.0, kAmbiguous = 0.85;
 constexpr double kLeastSupport = 0.35;
 constexpr double kBorder = 3.0;
+constexpr double kGrowth = 0.3;
 
 /// The image gradient, x and y side by side, rows from the top; not owned.
 struct GradientView {
@@ -77,6 +79,7 @@ struct StraightLine {
 /// What was found along a ruling: of `EdgePoints` in Python what `Edges` takes.
 struct EdgePoints {
   std::vector<Point> points;
+  Point first, second;  ///< the ruling's ends, moved
   StraightLine line;
   double support, deviation, slope;
   bool ambiguous;
@@ -276,6 +279,34 @@ inline std::vector<Candidate> inliers(const std::vector<Candidate>& candidates, 
   return chosen;
 }
 
+inline double dot(Point a, Point b) { return a.x * b.x + a.y * b.y; }
+
+/// The ruling's ends moved onto the line through the points, and towards the outermost ones; as
+/// `moved_ends` in Python.
+inline std::pair<Point, Point> moved_ends(const Ruling& ruling, const std::vector<Point>& points) {
+  const auto count = static_cast<double>(points.size());
+  Point middle{0.0, 0.0};
+  for (const Point& point : points) middle = middle + point;
+  middle = {middle.x / count, middle.y / count};
+  double xx = 0.0, xy = 0.0, yy = 0.0;
+  for (const Point& point : points) {
+    const Point off = point - middle;
+    xx += off.x * off.x;
+    xy += off.x * off.y;
+    yy += off.y * off.y;
+  }
+  const double angle = 0.5 * std::atan2(2.0 * xy, xx - yy);
+  Point direction{std::cos(angle), std::sin(angle)};
+  if (dot(direction, ruling.second - ruling.first) < 0.0) direction = -1.0 * direction;
+  const auto moved = [&](Point end, Point outer) {
+    const double predicted = dot(end - middle, direction);
+    const double along = predicted + kGrowth * (dot(outer - middle, direction) - predicted);
+    return middle + along * direction;
+  };
+  // One stray point does not stretch it: the second and the last but one.
+  return {moved(ruling.first, points[1]), moved(ruling.second, points[points.size() - 2])};
+}
+
 inline double median(std::vector<double> values) {
   std::sort(values.begin(), values.end());
   const std::size_t half = values.size() / 2;
@@ -309,6 +340,10 @@ inline std::optional<EdgePoints> search(const GradientView& gradient, const Came
     heights.push_back(c.height);
   }
   found.points = camera.undistort(pixels, std::move(near));
+  for (const Point& point : found.points) {
+    if (!std::isfinite(point.x) || !std::isfinite(point.y)) return std::nullopt;
+  }
+  std::tie(found.first, found.second) = moved_ends(ruling, found.points);
   found.line = fit_line(
       chosen, [](const Candidate& c) { return c.place; },
       [](const Candidate& c) { return c.offset; });

@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from ruledgraph.edges import batch as module
+from ruledgraph.edges import kernel
 from ruledgraph.edges.batch import Edges, Rulings, search_all
 from ruledgraph.edges.gradient import Gradient
 from ruledgraph.sensors import CameraModel
 
 needs_native = pytest.mark.skipif(
-    module.native is None, reason="the native kernel was not built (no C++ compiler)"
+    kernel.native is None, reason="the native kernel was not built (no C++ compiler)"
 )
 CAMERAS = [
     CameraModel(320, 240, 300.0, 310.0, 160.0, 120.0),
@@ -73,6 +73,10 @@ def assert_same(native: Edges, numpy: Edges) -> None:
     # The same number of points, each in the same place: these are the same inliers.
     np.testing.assert_array_equal(native.counts, numpy.counts)
     np.testing.assert_allclose(native.points, numpy.points, rtol=0.0, atol=POINTS)
+    np.testing.assert_allclose(native.ends, numpy.ends, rtol=0.0, atol=POINTS)
+    # Rows of C may differ in sign.
+    squared = [np.einsum("nki,nkj->nij", C, C) for C in (native.statistics, numpy.statistics)]
+    np.testing.assert_allclose(*squared, rtol=0.0, atol=100 * POINTS)
     np.testing.assert_array_equal(native.support, numpy.support)
     np.testing.assert_array_equal(native.ambiguous, numpy.ambiguous)
     for name in ("lines", "deviation", "slopes"):
@@ -143,14 +147,14 @@ def test_kernels_agree_on_what_cannot_be_searched(monkeypatch):
 @needs_native
 def test_a_sigma_that_is_not_finite_is_refused_by_both(monkeypatch):
     rulings = rulings_of(([[-0.2, 0.0], [0.2, 0.0]], np.nan, 10.0))
-    for kernel in ("native", "numpy"):
-        monkeypatch.setenv("RULEDGRAPH_KERNEL", kernel)
+    for name in ("native", "numpy"):
+        monkeypatch.setenv("RULEDGRAPH_KERNEL", name)
         with pytest.raises(ValueError, match=r"not finite|NaN"):
             search_all(Gradient(np.zeros((240, 320), np.uint8)), CAMERAS[0], rulings)
 
 
 def test_without_the_native_kernel_numpy_searches(monkeypatch):
-    monkeypatch.setattr(module, "native", None)
+    monkeypatch.setattr(kernel, "native", None)
     monkeypatch.delenv("RULEDGRAPH_KERNEL", raising=False)
     image = np.full((240, 320), 60, np.uint8)
     image[120:] = 160
