@@ -20,6 +20,8 @@ Plucker: TypeAlias = tuple[FloatArray, FloatArray]
 _STRAY, _KEPT = 0.1, 200
 # A direction shorter than this, of a unit Plucker pair, belongs to a line at infinity.
 _INFINITE = 1e-9
+# A ray is parallel to a line below this, the sine of their angle squared.
+_PARALLEL = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,22 +78,26 @@ class GraphLine:
 
     def extend(self, world_T_cam: gtsam.Pose3, points: FloatArray) -> None:
         """Take note of how far the line was seen, points (N, 2) being in order along it."""
-        moment, direction = np.split(self.plucker[0], 2)
+        moment, direction = self.plucker[0][:3], self.plucker[0][3:]
         length = float(np.linalg.norm(direction))
         if length < _INFINITE:
             return
-        direction = direction / length
-        foot = hat(direction) @ moment / length
+        unit = direction / length
+        foot = hat(unit) @ moment / length
         # Counted from the point next to the anchor, as by `LineChart.end_points`.
-        foot += direction * (direction @ (self.chart.world_T_anchor.translation() - foot))
-        rotation, centre = world_T_cam.rotation().matrix(), world_T_cam.translation()
-        reach: list[float] = []
-        for point in points[[0, -1]]:
-            along = _closest_to_ray(foot, direction, centre, rotation @ np.append(point, 1.0))
-            if along is None:
-                return
-            reach.append(along)
-        self._reach.append(np.sort(np.array(reach)))
+        foot += unit * (unit @ (self.chart.world_T_anchor.translation() - foot))
+        rays = np.ones((2, 3))
+        rays[:, :2] = points[[0, -1]]
+        rays = rays @ world_T_cam.rotation().matrix().T
+        rays /= np.sqrt(np.sum(rays * rays, axis=1))[:, None]
+        cosine = rays @ unit
+        sine2 = 1.0 - cosine * cosine
+        if min(sine2.tolist()) < _PARALLEL:
+            return
+        # Where on the line foot + s unit it is closest to the ray from the centre.
+        offset = world_T_cam.translation() - foot
+        reach = (unit @ offset - cosine * (rays @ offset)) / sine2
+        self._reach.append(np.sort(reach))
         del self._reach[:-_KEPT]
 
     def estimate(self) -> LineEstimate | None:
@@ -108,15 +114,3 @@ class GraphLine:
         return LineEstimate(
             self.track.number, ends, covariance, self.first_stamp, self.last_stamp, self.points
         )
-
-
-def _closest_to_ray(
-    foot: FloatArray, direction: FloatArray, centre: FloatArray, ray: FloatArray
-) -> float | None:
-    """Place s of the point foot + s direction closest to a ray, None where they are parallel."""
-    ray = ray / np.linalg.norm(ray)
-    cosine = float(ray @ direction)
-    if 1.0 - cosine * cosine < 1e-4:
-        return None
-    offset = centre - foot
-    return float(direction @ offset - cosine * (ray @ offset)) / (1.0 - cosine * cosine)
