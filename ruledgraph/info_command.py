@@ -4,12 +4,15 @@
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import click
 
+from ruledgraph.calibration import CalibrationError
 from ruledgraph.calibration_choice import calibration_for
+from ruledgraph.recording import Recording
 from ruledgraph.recording.info import inspect_recording, print_info
 from ruledgraph.sensors import Calibration
 
@@ -26,11 +29,15 @@ def info_command(
 ) -> None:
     """See `ruledgraph info --help`."""
 
-    def calibrate(kind: str, image_topic: str | None) -> Calibration | None:
-        brings_its_own = kind == "asl" and any(recording.rglob("sensor.yaml"))
-        if not calibration_files and not brings_its_own:
-            return None
-        return calibration_for(recording, kind, image_topic, calibration_files, camera, imu)
+    def calibrate(source: Recording) -> Calibration | None:
+        brings_its_own = source.kind == "asl" and any(recording.rglob("sensor.yaml"))
+        if calibration_files or brings_its_own:
+            return calibration_for(recording, source, calibration_files, camera, imu)
+        if imu is not None and source.kind != "asl":
+            # It may bring its own; if not, there is enough else to look at.
+            with suppress(CalibrationError):
+                return calibration_for(recording, source, (), camera, imu)
+        return None
 
     found = inspect_recording(recording, calibrate=calibrate, plots=plots, **choice)
     if as_json:

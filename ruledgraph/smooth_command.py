@@ -62,8 +62,7 @@ def smooth_command(
             raise click.UsageError(f"{unused}: the paper's solver has none; leave it out")
     config = load_config(config_file, settings)
     source = open_recording(recording, **choice)
-    topic = source.image_topic.name if source.image_topic else None
-    calibration = calibration_for(recording, source.kind, topic, calibration_files, camera, imu)
+    calibration = calibration_for(recording, source, calibration_files, camera, imu)
     truth = read_ground_truth(ground_truth, source) if ground_truth else None
     if output is None:
         time = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")

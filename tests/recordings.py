@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from rosbags import rosbag1, rosbag2
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ruledgraph.measurements import Frame, ImuSample, Measurement
 from ruledgraph.recording import write_recording
@@ -23,6 +23,11 @@ STORES = {
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 IMU = "sensor_msgs/msg/Imu"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+for store in STORES.values():
+    definition = "geometry_msgs/TransformStamped[] transforms"
+    store.register(get_types_from_msg(definition, TRANSFORMS))
 SECOND = 10**9
 MS = 10**6
 T0 = 1_700_000_000 * SECOND
@@ -51,19 +56,24 @@ class Entry(NamedTuple):
     fields: dict[str, Any]
     delay: int = 0
     """ns, from the stamp to the reception."""
+    frame: str = "a frame"
 
 
 def new(encoding: str, type_name: str, /, *values: Any, **fields: Any) -> Any:
     return STORES[encoding].types[type_name](*values, **fields)
 
 
-def serialise(encoding: str, entry: Entry) -> bytes:
-    time = new(encoding, "builtin_interfaces/msg/Time", *divmod(entry.stamp, SECOND))
+def header_of(encoding: str, stamp: int, frame: str) -> Any:
+    time = new(encoding, "builtin_interfaces/msg/Time", *divmod(stamp, SECOND))
     sequence = {"seq": 0} if encoding == "ros1" else {}
-    header = new(encoding, "std_msgs/msg/Header", stamp=time, frame_id="a frame", **sequence)
-    fields = dict(entry.fields)
+    return new(encoding, "std_msgs/msg/Header", stamp=time, frame_id=frame, **sequence)
+
+
+def serialise(encoding: str, entry: Entry) -> bytes:
+    fields = {"header": header_of(encoding, entry.stamp, entry.frame), **entry.fields}
     if entry.type == IMU:
         fields = {
+            "header": fields["header"],
             "orientation": new(encoding, "geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0),
             "orientation_covariance": np.zeros(9),
             "angular_velocity": new(encoding, "geometry_msgs/msg/Vector3", *fields["w"]),
@@ -71,11 +81,28 @@ def serialise(encoding: str, entry: Entry) -> bytes:
             "linear_acceleration": new(encoding, "geometry_msgs/msg/Vector3", *fields["a"]),
             "linear_acceleration_covariance": np.zeros(9),
         }
-    message = new(encoding, entry.type, header=header, **fields)
+    elif entry.type == TRANSFORMS:
+        fields = {"transforms": [_transform(encoding, entry.stamp, *t) for t in fields["all"]]}
+    elif entry.type == CAMERA_INFO and encoding == "ros1":
+        fields = {name.upper() if len(name) == 1 else name: v for name, v in fields.items()}
+    message = new(encoding, entry.type, **fields)
     store = STORES[encoding]
     if encoding == "ros1":
         return bytes(store.serialize_ros1(message, entry.type))
     return bytes(store.serialize_cdr(message, entry.type, little_endian=sys.byteorder == "little"))
+
+
+def _transform(
+    encoding: str, stamp: int, parent: str, child: str, t: Sequence[float], q: Sequence[float]
+) -> Any:
+    pose = new(
+        encoding,
+        "geometry_msgs/msg/Transform",
+        new(encoding, "geometry_msgs/msg/Vector3", *map(float, t)),
+        new(encoding, "geometry_msgs/msg/Quaternion", *map(float, q)),
+    )
+    header = header_of(encoding, stamp, parent)
+    return new(encoding, "geometry_msgs/msg/TransformStamped", header, child, pose)
 
 
 def write_bag(path: Path, bag: str, entries: Iterable[Entry]) -> Path:

@@ -4,6 +4,8 @@
 
 from typing import Any
 
+import numpy as np
+
 from ruledgraph.calibration.section import Section
 from ruledgraph.errors import RuledgraphError
 from ruledgraph.sensors import CameraModel, DistortionModel
@@ -52,14 +54,21 @@ def model_of_info(section: Section) -> CameraModel:
     )
 
 
-def camera_from_info(message: Any) -> CameraModel:
-    """Camera model of a `sensor_msgs/CameraInfo` message of ROS 1 (D, K) or ROS 2 (d, k).
+def camera_from_info(message: Any, rectified: bool = False) -> CameraModel:
+    """Camera model of a `sensor_msgs/CameraInfo` message of ROS 1 (D, K, P) or ROS 2 (d, k, p).
+
+    Args:
+        message: of the images as they come from the camera, and of the rectified ones.
+        rectified: whether the model of the latter is wanted: P, without distortion.
 
     Raises:
         CalibrationError: for an uncalibrated camera or an unsupported distortion model.
     """
     matrix = message.K if hasattr(message, "K") else message.k
     coefficients = message.D if hasattr(message, "D") else message.d
+    if rectified:
+        projection = np.reshape(message.P if hasattr(message, "P") else message.p, (3, 4))
+        matrix, coefficients = projection[:, :3].ravel(), np.zeros(0)
     values: dict[str, Any] = {
         "width": str(message.width),
         "height": str(message.height),

@@ -37,6 +37,7 @@ from ruledgraph.recording.topics import (
     camera_info_topic,
     choose_image_topic,
     choose_imu_topics,
+    is_rectified,
 )
 from ruledgraph.recording.turning import examine_turning
 from ruledgraph.sensors import Calibration, CameraModel
@@ -121,7 +122,7 @@ def inspect_recording(
     accelerometer_topic: str | None = None,
     start: float | None = None,
     duration: float | None = None,
-    calibrate: Callable[[str, str | None], Calibration | None] | None = None,
+    calibrate: Callable[[Recording], Calibration | None] | None = None,
     plots: Path | None = None,
 ) -> RecordingInfo:
     """Read every stamp and IMU sample of a recording, and its first images.
@@ -137,7 +138,7 @@ def inspect_recording(
         accelerometer_topic: the accelerometer's.
         start: s after the beginning.
         duration: s.
-        calibrate: reads the calibration that is to go with a kind of recording and an image topic.
+        calibrate: reads the calibration that is to go with a recording.
         plots: a new folder for a picture of the timing.
 
     Raises:
@@ -159,7 +160,7 @@ def inspect_recording(
     except RecordingError as error:
         info.missing.append(str(error))
 
-    calibration = calibrate(container.kind, camera.name if camera else None) if calibrate else None
+    calibration = calibrate(Recording(open_container(path), camera, imu)) if calibrate else None
     recording = Recording(container, camera, imu, start, duration)
     images, seen = _FirstImages(), Observations()
     try:
@@ -281,7 +282,8 @@ class _Observed:
         if message is None or not isinstance(message.data, bytes):
             return None
         try:
-            return camera_from_info(deserialise(self._by_name[name], message.data))
+            told = deserialise(self._by_name[name], message.data)
+            return camera_from_info(told, is_rectified(camera.name))
         except (UnreadableMessageError, CalibrationError):
             return None
 

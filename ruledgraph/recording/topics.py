@@ -95,6 +95,11 @@ def camera_info_topic(image_topic: str) -> str:
     return f"{namespace}/camera_info"
 
 
+def is_rectified(image_topic: str) -> bool:
+    """Whether its images are rectified, as ROS names them: `image_rect`, `image_rect_color`, ..."""
+    return image_topic.removesuffix("/compressed").rpartition("/")[2].startswith("image_rect")
+
+
 def find_topic(topics: Collection[Topic], name: str) -> Topic:
     """The topic of a name, with or without its leading slash.
 
