@@ -4,7 +4,7 @@
 
 import queue
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -56,6 +56,10 @@ def ahead(items: Iterable[T], prepare: Callable[[T], object], most: int) -> Iter
             put(_End(error))
         else:
             put(_End(None))
+        finally:
+            # Here: what it reads from may be bound to this thread.
+            if isinstance(items, Generator):
+                items.close()
 
     thread = threading.Thread(target=read, name="ahead", daemon=True)
     thread.start()

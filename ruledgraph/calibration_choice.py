@@ -9,7 +9,7 @@ import click
 
 from ruledgraph.calibration import TYPICAL_IMU_NOISE, CalibrationError, read_calibration
 from ruledgraph.recording import Recording, RecordingError
-from ruledgraph.recording.own_calibration import recorded_calibration
+from ruledgraph.recording.own_calibration import recorded_camera
 from ruledgraph.sensors import Calibration, ImuNoise
 
 
@@ -25,34 +25,43 @@ def calibration_for(
     Raises:
         RuledgraphError: when there is none, or it is no good.
     """
-    noise = TYPICAL_IMU_NOISE[imu] if imu else None
-    if imu:
-        click.echo(f"warning: typical IMU noise of a {imu}, not this sensor's own", err=True)
-    if not files and recording.kind != "asl":
-        return _recorded(path, recording, noise)
-    topic = recording.image_topic.name if recording.image_topic else None
-    paths = files or [path]
-    return read_calibration(*paths, camera=camera, image_topic=topic, imu_noise=noise)
-
-
-def _recorded(path: Path, recording: Recording, noise: ImuNoise | None) -> Calibration:
+    if files or recording.kind == "asl":
+        topic = recording.image_topic.name if recording.image_topic else None
+        return calibration_of_files(files or [path], topic, camera, imu)
     wanted = "pass --calibration FILE, such as Kalibr's camchain with T_cam_imu"
     try:
-        calibration = recorded_calibration(
-            recording, noise or next(iter(TYPICAL_IMU_NOISE.values()))
-        )
+        model, body_T_cam = recorded_camera(recording)
     except RecordingError as error:
         raise CalibrationError(
             f"{path}: no calibration; {wanted}, or record camera_info and /tf_static ({error})"
         ) from None
-    if noise is None:
+    if imu is None:
         flags = ", ".join(f"--imu {name}" for name in TYPICAL_IMU_NOISE)
         raise CalibrationError(
-            f"{path}: no calibration; {wanted}, or to take the recording's own camera_info and "
-            f"/tf_static say what IMU it is: {flags}"
+            f"{path}: no calibration; {wanted}, or, for the recording's own camera_info and "
+            f"/tf_static, say what IMU it is: {flags}"
         )
+    if camera is not None:
+        raise CalibrationError("--camera chooses among the cameras of --calibration, pass that too")
     click.echo(
         "warning: camera_info and /tf_static are taken for the calibration; Kalibr's is better",
         err=True,
     )
-    return calibration
+    return Calibration(model, body_T_cam, _typical_noise(imu))
+
+
+def calibration_of_files(
+    files: Sequence[Path], image_topic: str | None, camera: str | None, imu: str | None
+) -> Calibration:
+    """That of files, and of `--camera` and `--imu`.
+
+    Raises:
+        CalibrationError: for anything missing, wrong or implausible.
+    """
+    noise = _typical_noise(imu) if imu else None
+    return read_calibration(*files, camera=camera, image_topic=image_topic, imu_noise=noise)
+
+
+def _typical_noise(imu: str) -> ImuNoise:
+    click.echo(f"warning: typical IMU noise of a {imu}, not this sensor's own", err=True)
+    return TYPICAL_IMU_NOISE[imu]

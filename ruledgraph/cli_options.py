@@ -42,7 +42,7 @@ def calibration_options(command: _Command) -> _Command:
                 multiple=True,
                 metavar="FILE",
                 help="Kalibr YAML, EuRoC sensor.yaml or its folder; repeat it for camera and IMU "
-                "files.",
+                "files. A bag with camera_info and /tf_static can do without.",
             ),
             click.option(
                 "--camera", metavar="NAME", help="Which of the calibration's cameras, such as cam0."
@@ -50,7 +50,8 @@ def calibration_options(command: _Command) -> _Command:
             click.option(
                 "--imu",
                 type=click.Choice(["d435i", "adis16448"]),
-                help="Take this sensor's typical IMU noise, where the calibration has none.",
+                help="Take this sensor's typical IMU noise, where the calibration has none, as a "
+                "bag's own.",
             ),
         )
     ):

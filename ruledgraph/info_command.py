@@ -4,15 +4,12 @@
 
 import json
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import click
 
-from ruledgraph.calibration import CalibrationError
-from ruledgraph.calibration_choice import calibration_for
-from ruledgraph.recording import Recording
+from ruledgraph.calibration_choice import calibration_of_files
 from ruledgraph.recording.info import inspect_recording, print_info
 from ruledgraph.sensors import Calibration
 
@@ -29,15 +26,11 @@ def info_command(
 ) -> None:
     """See `ruledgraph info --help`."""
 
-    def calibrate(source: Recording) -> Calibration | None:
-        brings_its_own = source.kind == "asl" and any(recording.rglob("sensor.yaml"))
-        if calibration_files or brings_its_own:
-            return calibration_for(recording, source, calibration_files, camera, imu)
-        if imu is not None and source.kind != "asl":
-            # It may bring its own; if not, there is enough else to look at.
-            with suppress(CalibrationError):
-                return calibration_for(recording, source, (), camera, imu)
-        return None
+    def calibrate(kind: str, image_topic: str | None) -> Calibration | None:
+        brings_its_own = kind == "asl" and any(recording.rglob("sensor.yaml"))
+        if not calibration_files and not brings_its_own:
+            return None
+        return calibration_of_files(calibration_files or [recording], image_topic, camera, imu)
 
     found = inspect_recording(recording, calibrate=calibrate, plots=plots, **choice)
     if as_json:

@@ -25,6 +25,9 @@ _MOTION_SIGMA, _MOST_SIGMA = 1.2, 8.0
 _NEAREST = 0.05
 # The image of a line whose moment is shorter passes through everything: it goes through the camera.
 _THROUGH_CENTRE = 1e-9
+# A shorter direction is that of a line at infinity; the square of the sine of a line's angle with a
+# ray, below which they are parallel.
+_AT_INFINITY, _ALONG_RAY = 1e-6, 1e-4
 
 
 def by_rotation(
@@ -130,7 +133,7 @@ def _ends_in_space(
     world; NaN where they are parallel or the line is at infinity.
     """
     length = np.linalg.norm(direction, axis=1, keepdims=True)
-    unit = direction / np.where(length > 1e-6, length, np.nan)
+    unit = direction / np.where(length > _AT_INFINITY, length, np.nan)
     foot = (hat(unit) @ (moment / length)[..., None])[..., 0]
     rays = _rays(seen) @ world_T_before[:3, :3].T
     rays /= np.linalg.norm(rays, axis=2, keepdims=True)
@@ -139,7 +142,7 @@ def _ends_in_space(
     sine2 = 1.0 - cosine * cosine
     along = np.einsum("ni,ni->n", unit, offset)[:, None]
     along = along - cosine * np.einsum("nei,ni->ne", rays, offset)
-    along /= np.where(sine2 < 1e-4, np.nan, sine2)
+    along /= np.where(sine2 < _ALONG_RAY, np.nan, sine2)
     return np.asarray(foot[:, None] + along[..., None] * unit[:, None])
 
 

@@ -110,19 +110,25 @@ class Tracker:
     def follow(self, stamp: int, time: float, gradient: Gradient, rulings: Rulings) -> list[Track]:
         """Look for every track where it is predicted, a ruling for each of `tracks`; update them.
 
-        Those that were found.
+        Returns:
+            Those that were found.
         """
         ends, in_view = self._clip(rulings.ends)
         edges = self._search(gradient, rulings._replace(ends=ends).part(in_view))
         good = (edges.counts > 0) & ~edges.ambiguous & (edges.deviation <= self._straight)
         found = in_view.copy()
         found[in_view] = good
-        for i in np.flatnonzero(~found).tolist():
-            self.tracks[i].ends = ends[i]
-            self.tracks[i].miss(time)
-        for i in np.flatnonzero(~in_view).tolist():
-            self.tracks[i].give_up()
-        seen = [self.tracks[i] for i in np.flatnonzero(found).tolist()]
+        seen = []
+        for track, own, is_found, is_in_view in zip(
+            self.tracks, ends, found.tolist(), in_view.tolist(), strict=True
+        ):
+            if is_found:
+                seen.append(track)
+            else:
+                track.ends = own
+                track.miss(time)
+                if not is_in_view:
+                    track.give_up()
         if seen:
             edges = edges.part(good)
             self._move(time, seen, edges)

@@ -3,7 +3,7 @@
 """Which kernel does the arithmetic: the native one if it was built, else numpy, its reference.
 
 Both compute the same to rounding. The environment variable RULEDGRAPH_KERNEL ("native" or "numpy")
-chooses one by force; it is looked at whenever a factor is built or frames are preintegrated.
+chooses one by force; it is looked at at every use.
 """
 
 import os

@@ -50,7 +50,8 @@ def search_all(
     slopes: FloatArray,
     beyond: float,
 ) -> _Found:
-    """Search n rulings: `search` of each, as the fields of `Edges` in their order, a row for each.
+    """Search n rulings: `search` of each, as the fields of `Edges` in their order, a row for each;
+    ends are (n, 4), statistics (n, 9).
 
     `gradient` is (height, width, 2), `ends` (n, 2, 2), `sigmas` (n, 2), `slopes` (n,).
     """

@@ -69,9 +69,12 @@ def search_sobel(
     support = len(seen) / len(places)
     if len(seen) < _FEWEST_POINTS or support < _LEAST_SUPPORT:
         return None
+    points = camera.undistort(pixels.astype(np.float64), stations[station])
+    if not np.isfinite(points).all():
+        return None
     a, b = fit_line(places[seen], middles)
     return EdgePoints(
-        points=camera.undistort(pixels.astype(np.float64), stations[station]),
+        points=points,
         along=places[station],
         offsets=offsets,
         line=(a, b),

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -28,6 +29,7 @@ from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.formats import open_container
 from ruledgraph.recording.images import Grey, decode_image
 from ruledgraph.recording.messages import UnreadableMessageError, deserialise, stamp_of
+from ruledgraph.recording.own_calibration import STATIC_TRANSFORMS, recorded_camera
 from ruledgraph.recording.recording import Recording
 from ruledgraph.recording.report import StampRange
 from ruledgraph.recording.timing_plot import check_empty, draw_timing
@@ -122,7 +124,7 @@ def inspect_recording(
     accelerometer_topic: str | None = None,
     start: float | None = None,
     duration: float | None = None,
-    calibrate: Callable[[Recording], Calibration | None] | None = None,
+    calibrate: Callable[[str, str | None], Calibration | None] | None = None,
     plots: Path | None = None,
 ) -> RecordingInfo:
     """Read every stamp and IMU sample of a recording, and its first images.
@@ -138,7 +140,7 @@ def inspect_recording(
         accelerometer_topic: the accelerometer's.
         start: s after the beginning.
         duration: s.
-        calibrate: reads the calibration that is to go with a recording.
+        calibrate: reads the calibration that is to go with a kind of recording and an image topic.
         plots: a new folder for a picture of the timing.
 
     Raises:
@@ -160,7 +162,7 @@ def inspect_recording(
     except RecordingError as error:
         info.missing.append(str(error))
 
-    calibration = calibrate(Recording(open_container(path), camera, imu)) if calibrate else None
+    calibration = calibrate(container.kind, camera.name if camera else None) if calibrate else None
     recording = Recording(container, camera, imu, start, duration)
     images, seen = _FirstImages(), Observations()
     try:
@@ -186,6 +188,8 @@ def inspect_recording(
     info.warnings = report.warnings
     info.bytes_lost = report.bytes_lost
     info.findings = list(examine(seen, calibration.imu_noise if calibration else None))
+    if calibration is None and container.camera_infos:
+        info.findings.append(_own_calibration(Recording(open_container(path), camera, imu)))
     if calibration is not None:
         info.findings += examine_calibration(calibration, info.image_size)
         told = container.camera_info(camera) if camera is not None else None
@@ -198,6 +202,20 @@ def inspect_recording(
     if plots is not None:
         info.plot = str(draw_timing(seen, plots))
     return info
+
+
+def _own_calibration(recording: Recording) -> Finding:
+    """Whether it can be smoothed without a calibration file."""
+    try:
+        _, body_T_cam = recorded_camera(recording)
+    except RecordingError as error:
+        return Finding(False, f"no calibration of its own: {error}; pass --calibration")
+    lever = 1e3 * float(np.linalg.norm(body_T_cam.translation()))
+    return Finding(
+        True,
+        f"camera_info and {STATIC_TRANSFORMS} tell of the camera, {lever:.3g} mm from the IMU: "
+        "smooth needs but --imu",
+    )
 
 
 def print_info(info: RecordingInfo) -> None:
@@ -255,7 +273,7 @@ class _Observed:
         self._by_name = {topic.name: topic for topic in container.topics}
         self._all = container.messages(self._by_name)
         self._stamps = {topic.name: StampRange() for topic in container.topics}
-        self._camera_infos: dict[str, RawMessage] = {}
+        self.camera_infos: dict[str, RawMessage] = {}
 
     def messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
         for message in self._all:
@@ -278,7 +296,7 @@ class _Observed:
     def camera_info(self, camera: Topic) -> CameraModel | None:
         """What the CameraInfo beside an image topic says first; None where there is none of use."""
         name = camera_info_topic(camera.name)
-        message = self._camera_infos.get(name)
+        message = self.camera_infos.get(name)
         if message is None or not isinstance(message.data, bytes):
             return None
         try:
@@ -290,7 +308,7 @@ class _Observed:
     def _note(self, message: RawMessage) -> None:
         topic = self._by_name[message.topic]
         if topic.type == CAMERA_INFO:
-            self._camera_infos.setdefault(topic.name, message)
+            self.camera_infos.setdefault(topic.name, message)
         try:
             stamp = stamp_of(topic, message)
         except UnreadableMessageError:

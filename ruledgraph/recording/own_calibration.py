@@ -9,58 +9,71 @@ from typing import Any
 
 import gtsam
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ruledgraph.calibration import CalibrationError, camera_from_info
 from ruledgraph.recording.container import Topic
 from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.recording import Recording
 from ruledgraph.recording.topics import CAMERA_INFO, camera_info_topic, is_rectified
-from ruledgraph.sensors import Calibration, ImuNoise
+from ruledgraph.sensors import CameraModel
 
+STATIC_TRANSFORMS = "/tf_static"
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
-# No robot has more; a quaternion further from unit is none.
+# No robot has more frames; a quaternion further from unit is none; nor is a camera further from its
+# IMU, m.
 _MOST_FRAMES = 10_000
 _UNIT = 1e-3
-# Gyroscope and accelerometer turned against each other by more than this (rad) are not one IMU.
+_LONGEST_LEVER = 10.0
+# Axes that are turned against each other by more than this are not the same.
 _SAME = 1e-3
 
 
-def recorded_calibration(recording: Recording, imu_noise: ImuNoise) -> Calibration:
-    """Camera model and mounting from the recording's own `camera_info` and `/tf_static`.
+def recorded_camera(recording: Recording) -> tuple[CameraModel, gtsam.Pose3]:
+    """Camera model and body_T_cam from the recording's own `camera_info` and `/tf_static`.
 
-    The frames are those that the headers name. A rectified image (`image_rect`) is described by the
-    CameraInfo's projection matrix. Such figures are the maker's, or the robot's description, and
-    say nothing of the time offset.
+    The frames are those that the headers name; the body is where the accelerometer is. A rectified
+    image (`image_rect`) is described by the CameraInfo's projection matrix. Such figures are the
+    maker's, or the robot's description, and say nothing of the time offset.
 
     Args:
         recording: with a camera's and an IMU's topic.
-        imu_noise: which no message tells.
 
     Raises:
-        RecordingError: when something of it was not recorded, or the frames are not connected.
+        RecordingError: when something of it was not recorded or makes no sense.
     """
     if recording.image_topic is None or recording.imu_topics is None:
         raise RecordingError("a recording without camera or IMU has no calibration of its own")
     image = recording.image_topic
     info_name = camera_info_topic(image.name)
     info = _first(recording, _named(recording, info_name, CAMERA_INFO))
+    rectified = is_rectified(image.name)
+    if rectified and _is_turned(info.R if hasattr(info, "R") else info.r):
+        raise RecordingError(
+            f"{info_name}: turns its images in rectifying them (R is not the identity), and the "
+            "frame of the headers may be that of the camera; record the images as they were taken"
+        )
     try:
-        camera = camera_from_info(info, is_rectified(image.name))
+        camera = camera_from_info(info, rectified)
     except CalibrationError as error:
         raise RecordingError(f"{info_name}: {error}") from None
-    static = _named(recording, "/tf_static", _TRANSFORMS)
+    static = _named(recording, STATIC_TRANSFORMS, _TRANSFORMS)
     tree = _Tree(message for _, message in recording.messages(static.name))
-    camera_frame = _frame_of(info_name, info)
     gyroscope, accelerometer = (
         _frame_of(topic.name, _first(recording, topic)) for topic in recording.imu_topics
     )
-    turned = tree.pose(gyroscope, accelerometer).rotation()
-    if np.linalg.norm(gtsam.Rot3.Logmap(turned)) > _SAME:
+    if _is_turned(tree.pose(accelerometer, gyroscope).rotation().matrix()):
         raise RecordingError(
-            f"/tf_static: {gyroscope} and {accelerometer} are turned against each other; they must "
-            "have the same axes"
+            f"{STATIC_TRANSFORMS}: {_shown(gyroscope)} and {_shown(accelerometer)} are turned "
+            "against each other; gyroscope and accelerometer must have the same axes"
         )
-    return Calibration(camera, tree.pose(gyroscope, camera_frame), imu_noise)
+    body_T_cam = tree.pose(accelerometer, _frame_of(info_name, info))
+    lever = float(np.abs(body_T_cam.translation()).max())
+    if not lever <= _LONGEST_LEVER:  # nor when it is not finite
+        raise RecordingError(
+            f"{STATIC_TRANSFORMS}: the camera is {lever:.3g} m from the IMU; it must be in metres"
+        )
+    return camera, body_T_cam
 
 
 class _Tree:
@@ -74,17 +87,16 @@ class _Tree:
                 parent = transform.header.frame_id.strip("/")
                 self._parents[child] = parent, _pose(child, transform.transform)
             if len(self._parents) > _MOST_FRAMES:
-                raise RecordingError(f"/tf_static: more than {_MOST_FRAMES} frames")
+                raise RecordingError(f"{STATIC_TRANSFORMS}: more than {_MOST_FRAMES} frames")
 
     def pose(self, of: str, other: str) -> gtsam.Pose3:
         """of_T_other."""
-        if of == other:
-            return gtsam.Pose3()
         (root, root_T_of), (other_root, root_T_other) = self._in_root(of), self._in_root(other)
         if root != other_root:
+            held = ", ".join(map(_shown, sorted(self._parents)[:20])) or "none"
             raise RecordingError(
-                f"/tf_static: does not connect {of} and {other}; it holds the frames "
-                f"{', '.join(sorted(self._parents)[:20]) or 'of nothing'}"
+                f"{STATIC_TRANSFORMS}: does not connect {_shown(of)} and {_shown(other)}; "
+                f"frames: {held}"
             )
         return root_T_of.between(root_T_other)
 
@@ -92,7 +104,7 @@ class _Tree:
         pose, passed = gtsam.Pose3(), set()
         while frame in self._parents:
             if frame in passed:
-                raise RecordingError(f"/tf_static: the frame {frame} is its own parent")
+                raise RecordingError(f"{STATIC_TRANSFORMS}: {_shown(frame)} is its own parent")
             passed.add(frame)
             frame, in_parent = self._parents[frame]
             pose = in_parent.compose(pose)
@@ -101,25 +113,34 @@ class _Tree:
 
 def _pose(frame: str, transform: Any) -> gtsam.Pose3:
     t, q = transform.translation, transform.rotation
-    numbers = np.array([t.x, t.y, t.z, q.w, q.x, q.y, q.z])
-    # Not finite compares false.
-    if not (np.isfinite(numbers).all() and abs(np.linalg.norm(numbers[3:]) - 1.0) < _UNIT):
-        raise RecordingError(f"/tf_static: the transform of {frame} is no pose")
-    rotation = gtsam.Rot3.Quaternion(*(numbers[3:] / np.linalg.norm(numbers[3:])))
-    return gtsam.Pose3(rotation, numbers[:3])
+    place, quaternion = np.array([t.x, t.y, t.z]), np.array([q.w, q.x, q.y, q.z])
+    # Not finite compares false; the norm of what is very large would overflow.
+    small = np.abs(quaternion).max() <= 2.0 and np.isfinite(place).all()
+    if not (small and abs(np.linalg.norm(quaternion) - 1.0) < _UNIT):
+        raise RecordingError(f"{STATIC_TRANSFORMS}: the transform of {_shown(frame)} is no pose")
+    return gtsam.Pose3(gtsam.Rot3.Quaternion(*(quaternion / np.linalg.norm(quaternion))), place)
+
+
+def _is_turned(rotation: ArrayLike) -> bool:
+    """Whether it is not the identity; all zero in a CameraInfo says nothing."""
+    R = np.reshape(np.asarray(rotation, dtype=np.float64), (3, 3))
+    return bool(R.any() and not np.abs(R - np.eye(3)).max() <= _SAME)
 
 
 def _named(recording: Recording, name: str, kind: str) -> Topic:
-    for topic in recording.topics:
-        if topic.name == name and topic.type == kind and topic.message_count:
-            return topic
-    raise RecordingError(f"{name} was not recorded")
+    topics = [topic for topic in recording.topics if topic.name == name and topic.message_count]
+    if not topics:
+        raise RecordingError(f"{name} was not recorded")
+    if [topic.type for topic in topics] != [kind]:
+        kinds = ", ".join(topic.type for topic in topics)
+        raise RecordingError(f"{name}: must be of type {kind}, but is {kinds}")
+    return topics[0]
 
 
 def _first(recording: Recording, topic: Topic) -> Any:
     for _, message in recording.messages(topic.name):
         return message
-    raise RecordingError(f"{topic.name}: holds no message that can be read")
+    raise RecordingError(f"{topic.name}: holds no message that can be read and has a stamp")
 
 
 def _frame_of(topic: str, message: Any) -> str:
@@ -127,3 +148,7 @@ def _frame_of(topic: str, message: Any) -> str:
     if not frame:
         raise RecordingError(f"{topic}: its messages name no frame")
     return frame
+
+
+def _shown(name: str) -> str:
+    return repr(name[:40])

@@ -23,6 +23,23 @@ def test_everything_comes_prepared_in_order_from_one_other_thread():
     assert threading.current_thread() not in threads
 
 
+def test_what_it_reads_from_is_closed_where_it_was_read():
+    closed = []
+
+    def items() -> Iterator[int]:
+        try:
+            yield from range(100)
+        finally:
+            closed.append(threading.current_thread())
+
+    for stop in (3, 200):
+        for i in ahead(items(), lambda _: None, 4):
+            if i == stop:
+                break
+    assert len(set(closed)) == 2
+    assert threading.current_thread() not in closed
+
+
 def test_it_is_never_further_ahead_than_allowed():
     taken = []
 

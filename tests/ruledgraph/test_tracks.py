@@ -9,6 +9,7 @@ from ruledgraph.config import EdgesConfig
 from ruledgraph.edges.batch import Rulings
 from ruledgraph.edges.gradient import Gradient
 from ruledgraph.tracks import Tracker
+from ruledgraph_factors import CompressedPoints
 
 LEVEL, STEEP = np.array([[-0.3, -0.2], [0.3, -0.15]]), np.array([[-0.2, -0.05], [0.0, 0.3]])
 
@@ -19,6 +20,15 @@ def scene(*lines: np.ndarray) -> Gradient:
 
 def in_pixels(*lines: np.ndarray) -> np.ndarray:
     return np.array([CAMERA.distort(ends).pixels for ends in lines])
+
+
+def where_they_are(tracker: Tracker, sigma: float = 3.0) -> Rulings:
+    """Rulings that predict no motion."""
+    return Rulings(
+        np.array([track.ends for track in tracker.tracks]).reshape(-1, 2, 2),
+        np.full((len(tracker.tracks), 2), sigma),
+        np.array([track.slope for track in tracker.tracks]),
+    )
 
 
 def started(tracker: Tracker, gradient: Gradient, *lines: np.ndarray) -> list[int]:
@@ -71,11 +81,7 @@ def test_motion_of_the_image_is_that_across_lines_since_a_frame():
     for i in (1, 2):
         down = np.array([0.0, 2.0 * i / CAMERA.focal_length])
         moved = [ends + down for ends in lines]
-        rulings = Rulings(
-            np.array([track.ends for track in tracker.tracks]),
-            np.full((3, 2), 3.0),
-            np.array([track.slope for track in tracker.tracks]),
-        )
+        rulings = where_they_are(tracker)
         assert tracker.follow(i, 0.05 * i, scene(*moved), rulings) == tracker.tracks
     # Downwards by 4 px, seen across the line that moves neither most nor least.
     along = np.diff(lines, axis=1)[:, 0]
@@ -83,3 +89,62 @@ def test_motion_of_the_image_is_that_across_lines_since_a_frame():
     assert tracker.image_motion(since=0) == pytest.approx(across, abs=0.2)
     assert tracker.image_motion(since=1) == pytest.approx(0.5 * across, abs=0.2)
     assert tracker.image_motion(since=7) == np.inf
+
+
+def test_a_frame_counts_for_no_more_than_was_configured():
+    tracker, gradient = Tracker(CAMERA, EdgesConfig(effective_points=12.0)), scene(LEVEL)
+    assert started(tracker, gradient, LEVEL) == [1]
+    tracker.follow(1, 0.05, gradient, where_they_are(tracker))
+    first, second = tracker.tracks[0].sightings
+    for sighting in (first, second):
+        assert len(sighting.points) > 12
+        C = CompressedPoints.from_frames([sighting.points], effective_points=12.0).statistics[0]
+        mine = sighting.statistics
+        np.testing.assert_allclose(mine.T @ mine, C.T @ C, atol=1e-12)
+
+
+def test_a_line_that_is_not_there_is_missed_until_it_is_lost():
+    tracker = Tracker(CAMERA, EdgesConfig())
+    assert started(tracker, scene(LEVEL, STEEP), LEVEL, STEEP) == [1, 2]
+    level, steep = tracker.tracks
+    for i in range(1, 5):
+        assert not steep.lost
+        rulings = where_they_are(tracker)
+        rulings.ends[1] += 0.001
+        assert tracker.follow(i, 0.02 * i, scene(LEVEL), rulings) == [level]
+        # It goes on as predicted, less and less sure.
+        np.testing.assert_allclose(steep.ends, rulings.ends[1], atol=1e-12)
+        assert steep.misses == i
+    assert steep.lost
+    assert (level.misses, level.last_seen) == (0, 0.08)
+    assert len(steep.sightings) == 1
+    tracker.drop_lost()
+    assert tracker.tracks == [level]
+
+
+def test_a_line_out_of_view_is_lost_at_once():
+    tracker = Tracker(CAMERA, EdgesConfig())
+    assert started(tracker, scene(LEVEL, STEEP), LEVEL, STEEP) == [1, 2]
+    rulings = where_they_are(tracker)
+    rulings.ends[0] += [0.0, 3.0]
+    assert tracker.follow(1, 0.05, scene(LEVEL, STEEP), rulings) == tracker.tracks[1:]
+    assert tracker.tracks[0].lost
+
+
+def test_of_two_lines_in_the_band_neither_is_taken():
+    tracker = Tracker(CAMERA, EdgesConfig())
+    assert started(tracker, scene(LEVEL), LEVEL) == [1]
+    apart = np.array([0.0, 6.0 / CAMERA.focal_length])
+    # A bright stripe's two edges have opposite slopes: two steps of like polarity instead.
+    steps = Gradient(
+        edge_image(CAMERA, [(line_through(*(LEVEL + side * apart)), 40.0) for side in (-1, 1)])
+    )
+    assert tracker.follow(1, 0.05, steps, where_they_are(tracker, sigma=4.0)) == []
+    assert tracker.tracks[0].misses == 1
+
+
+def test_every_track_needs_its_ruling():
+    tracker, gradient = Tracker(CAMERA, EdgesConfig()), scene(LEVEL, STEEP)
+    assert started(tracker, gradient, LEVEL, STEEP) == [1, 2]
+    with pytest.raises(ValueError, match="shorter"):
+        tracker.follow(1, 0.05, gradient, where_they_are(tracker).part([0]))

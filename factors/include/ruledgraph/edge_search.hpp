@@ -94,7 +94,7 @@ struct Station {
 };
 
 /// `std::nearbyint` without the call: beyond 2^52 a double has no fraction left. Of small numbers.
-inline double nearest(double x) {
+inline double rounded(double x) {
   constexpr double kWhole = 6755399441055744.0;  // 1.5 * 2^52
   return (x + kWhole) - kWhole;
 }
@@ -223,7 +223,7 @@ inline std::pair<StraightLine, bool> vote(const std::vector<Candidate>& candidat
   for (int b = -steepest; b <= steepest; ++b) {
     std::fill(votes.begin(), votes.end(), 0.0);
     for (const Candidate& c : candidates) {
-      const int cell = static_cast<int>(nearest(c.offset - c.s() * b)) + reach;
+      const int cell = static_cast<int>(rounded(c.offset - c.s() * b)) + reach;
       if (cell >= 0 && cell <= 2 * reach) votes[static_cast<std::size_t>(cell)] += 1.0;
     }
     for (std::size_t i = 0; i < bins; ++i) {

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 //
 // Where a line of the graph appears in the next image; needs Eigen alone. The native version of
-// `by_estimate` in `ruledgraph/prediction.py`, which says what is computed and stays the reference.
+// `predict_in_numpy` in `ruledgraph/prediction.py`, which stays the reference.
 #pragma once
 
 #include <Eigen/Core>

@@ -6,6 +6,7 @@ import numpy as np
 from edge_images import CAMERA, edge_image, line_through
 from ruledgraph.edges.search import Ruling
 from ruledgraph.edges.sobel import search_sobel, sobel_points
+from ruledgraph.sensors import CameraModel
 
 ENDS = np.array([[-0.2, -0.1], [0.25, 0.15]])
 LINE = line_through(*ENDS)
@@ -41,3 +42,16 @@ def test_nothing_near_the_ruling():
     assert search_sobel(edges, CAMERA, beside, gate=3.0) is None
     outside = Ruling(ENDS + np.array([3.0, 0.0]), (2.0, 2.0), 20.0)
     assert search_sobel(edges, CAMERA, outside, gate=3.0) is None
+
+
+def test_points_beyond_where_the_camera_model_folds_over_are_no_edge():
+    camera = CameraModel(320, 240, 160.0, 160.0, 160.0, 120.0, "radtan", (-0.33, 0.0, 0.0, 0.0))
+    everywhere = np.ones((240, 320), dtype=bool)
+    rng = np.random.default_rng(0)
+    found = [
+        search_sobel(everywhere, camera, Ruling(ends, (2.0, 2.0), 20.0), gate=3.0)
+        for ends in rng.uniform(-1.2, 1.2, size=(200, 2, 2))
+    ]
+    points = [edge.points for edge in found if edge is not None]
+    assert len(points) > 20
+    assert all(np.isfinite(own).all() for own in points)
