@@ -214,7 +214,7 @@ def _own_calibration(recording: Recording) -> Finding:
     return Finding(
         True,
         f"camera_info and {STATIC_TRANSFORMS} tell of the camera, {lever:.3g} mm from the IMU: "
-        "smooth needs but --imu",
+        "smooth needs only --imu",
     )
 
 

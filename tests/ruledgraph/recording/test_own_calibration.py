@@ -164,4 +164,4 @@ def test_smooth_takes_it_where_the_imu_is_named(tmp_path):
     assert result.exit_code == 0, result.output
     assert "camera_info and /tf_static" in result.output
     result = CliRunner().invoke(main, ["info", path])
-    assert "tell of the camera, 20.6 mm from the IMU: smooth needs but --imu" in result.output
+    assert "tell of the camera, 20.6 mm from the IMU: smooth needs only --imu" in result.output
