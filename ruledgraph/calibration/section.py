@@ -22,7 +22,8 @@ NOISE_KEYS = {
 
 # Six printed digits pass, a rotation with a wrong entry or sign does not.
 _ORTHONORMAL = 1e-3
-_LONGEST_LEVER = 10.0  # m
+LONGEST_LEVER = 10.0
+"""No camera is further from its IMU, m."""
 
 
 class CalibrationError(RuledgraphError):
@@ -95,9 +96,9 @@ class Section:
             raise self.error(key, f"has a rotation R with R R^T off the identity by {defect:.1g}")
         if np.linalg.det(rotation) < 0.0:
             raise self.error(key, "has a mirrored rotation, with determinant -1")
-        if np.abs(position).max() > _LONGEST_LEVER:
+        if np.abs(position).max() > LONGEST_LEVER:
             raise self.error(
-                key, f"has a translation above {_LONGEST_LEVER:g} m; it must be in metres"
+                key, f"has a translation above {LONGEST_LEVER:g} m; it must be in metres"
             )
         u, _, vt = np.linalg.svd(rotation)
         return gtsam.Pose3(gtsam.Rot3(u @ vt), position)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ruledgraph.calibration import CalibrationError, camera_from_info
+from ruledgraph.calibration.section import LONGEST_LEVER
 from ruledgraph.recording.container import Topic
 from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.recording import Recording
@@ -20,11 +21,9 @@ from ruledgraph.sensors import CameraModel
 
 STATIC_TRANSFORMS = "/tf_static"
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
-# No robot has more frames; a quaternion further from unit is none; nor is a camera further from its
-# IMU, m.
+# No robot has more frames; a quaternion further from unit is none.
 _MOST_FRAMES = 10_000
 _UNIT = 1e-3
-_LONGEST_LEVER = 10.0
 # Axes that are turned against each other by more than this are not the same.
 _SAME = 1e-3
 
@@ -69,7 +68,7 @@ def recorded_camera(recording: Recording) -> tuple[CameraModel, gtsam.Pose3]:
         )
     body_T_cam = tree.pose(accelerometer, _frame_of(info_name, info))
     lever = float(np.abs(body_T_cam.translation()).max())
-    if not lever <= _LONGEST_LEVER:  # nor when it is not finite
+    if not lever <= LONGEST_LEVER:  # nor when it is not finite
         raise RecordingError(
             f"{STATIC_TRANSFORMS}: the camera is {lever:.3g} m from the IMU; it must be in metres"
         )
