@@ -16,13 +16,12 @@ from ruledgraph.sensors import FloatArray
 from ruledgraph.time_offset import OffsetLink, TimeOffset
 from ruledgraph.tracks import Sighting, Track
 from ruledgraph_factors import (
-    NEW_LINE_SIGMAS,
     STANDARD_GRAVITY,
     CompressedPoints,
     FrameMotion,
     LineChart,
     RuledSurfaceFactor,
-    line_distance_factor,
+    new_line_factor,
 )
 from ruledgraph_factors.ruled_surface import State
 
@@ -30,6 +29,8 @@ from ruledgraph_factors.ruled_surface import State
 _NEW_PLANE = 0.05
 # How far away a line is, m, and by what factor that may be wrong.
 _DISTANCE, _DISTANCE_FACTOR = 3.0, 4.0
+# How far from the first guess it may run in its plane, rad.
+_NEW_DIRECTION = 1.0
 _GRAVITY = np.array(STANDARD_GRAVITY)
 
 
@@ -158,21 +159,20 @@ def add_priors(factors: gtsam.NonlinearFactorGraph, knot: Knot, inflation: float
     factors.addPriorConstantBias(B(knot.index), knot.bias, bias)
 
 
-def of_new_line(seen: Observation) -> tuple[gtsam.NonlinearFactor, ...]:
+def of_new_line(knot: Knot, seen: Observation) -> tuple[gtsam.NonlinearFactor, ...]:
     """What is known of a line before it is looked at from two places, by its first observation.
 
-    It is all said of the line as seen from that knot, but for a wide prior on its chart. Priors in
-    the world's frame would do as well for the line; but with every line that came, place and
-    heading, which nothing shows, would seem better known, and be drawn to where the priors fit.
+    It is all said of the line as seen from that knot. Priors in the world's frame would do as well
+    for the line; but with every line that came, place and heading, which nothing shows, would seem
+    better known, and be drawn to where the priors fit.
     """
     line, spec, points = seen.line, seen.factor.spec, seen.points
-    chart_noise = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
-    distance_noise = noiseModel.Isotropic.Sigma(1, math.log(_DISTANCE_FACTOR))
+    wide = noiseModel.Diagonal.Sigmas(np.array([math.log(_DISTANCE_FACTOR), _NEW_DIRECTION]))
     # The robust loss gives up points that are far off, and one bad step would carry the line away
     # for good: its points once more, loose and without that loss.
     loose = noiseModel.Isotropic.Sigma(points.rows, _NEW_PLANE * math.sqrt(points.weight))
+    pose_key, pose = spec.keys[0], knot.state.pose()
     return (
-        gtsam.PriorFactorVector(line.key, np.zeros(4), chart_noise),
-        line_distance_factor(distance_noise, spec.keys[0], line.key, line.chart, _DISTANCE),
+        new_line_factor(wide, pose_key, line.key, line.chart, pose, _DISTANCE),
         RuledSurfaceFactor(replace(spec, noise_model=loose)),
     )

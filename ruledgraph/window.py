@@ -289,7 +289,7 @@ class Window:
         self._new_values.insert(line.key, delta)
         for interval, _, _ in seen:
             self._observe(interval, line)
-        for factor in of_new_line(seen[0][0].observations[-1]):
+        for factor in of_new_line(seen[0][0].knot, seen[0][0].observations[-1]):
             self._new_factors.add(factor)
 
     def _reanchor(self, line: GraphLine) -> None:
@@ -464,7 +464,7 @@ class Window:
                 if id(line) in current and line.key == seen.factor.spec.keys[-1]:
                     factors.add(seen.factor)
                     if line.key not in used:
-                        for factor in of_new_line(seen):
+                        for factor in of_new_line(interval.knot, seen):
                             factors.add(factor)
                     used[line.key] = line
         for key, line in used.items():

@@ -17,7 +17,6 @@ from ruledgraph_factors.factor import (
 from ruledgraph_factors.first_window import LineTrack, WindowSolution, solve_first_window
 from ruledgraph_factors.kernel import active_kernel
 from ruledgraph_factors.line import LineChart
-from ruledgraph_factors.line_distance import line_distance_factor
 from ruledgraph_factors.motion import (
     STANDARD_GRAVITY,
     FrameMotion,
@@ -25,6 +24,7 @@ from ruledgraph_factors.motion import (
     ImuSegment,
     preintegrate_frames,
 )
+from ruledgraph_factors.new_line import new_line_factor
 from ruledgraph_factors.observations import CompressedPoints, IndividualPoints, bin_points
 from ruledgraph_factors.ruling import NEW_LINE_SIGMAS, line_from_ruling
 from ruledgraph_factors.same_line import same_line_factor
@@ -47,8 +47,8 @@ __all__ = [
     "WindowSolution",
     "active_kernel",
     "bin_points",
-    "line_distance_factor",
     "line_from_ruling",
+    "new_line_factor",
     "preintegrate_frames",
     "ruled_surface_factor",
     "ruled_surface_factor_with_gravity_direction",

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""The factor that says how far away a line is about."""
+"""The factor of what one image does not show of a line."""
 
 import gtsam
 import numpy as np
@@ -9,9 +9,9 @@ from gtsam import noiseModel
 from gtsam.symbol_shorthand import L, X
 
 from numerics import factor_jacobians, numerical_jacobian, relative_error
-from ruledgraph_factors import FactorError, LineChart, line_distance_factor
+from ruledgraph_factors import FactorError, LineChart, new_line_factor
 
-UNIT = noiseModel.Unit.Create(1)
+UNIT = noiseModel.Unit.Create(2)
 HERE = gtsam.Pose3()
 ELSEWHERE = gtsam.Pose3(gtsam.Rot3.Ypr(0.3, -0.2, 0.4), np.array([0.3, -0.4, 0.5]))
 
@@ -29,37 +29,51 @@ def at(chart: LineChart, phi: float, pose: gtsam.Pose3 = HERE) -> gtsam.Values:
     return values
 
 
+def a_factor(chart: LineChart) -> gtsam.CustomFactor:
+    return new_line_factor(UNIT, X(0), L(0), chart, HERE, 3.0)
+
+
 @pytest.mark.parametrize("distance", [0.2, 1.0, 3.0, 15.0])
 @pytest.mark.parametrize("pose", [HERE, ELSEWHERE])
 def test_it_is_the_logarithm_of_the_distance_over_the_median(
     distance: float, pose: gtsam.Pose3
 ) -> None:
     chart = a_chart(distance)
-    factor = line_distance_factor(UNIT, X(0), L(0), chart, 3.0)
     values = at(chart, chart.angle, pose)
     far, _, _ = chart.distance_to(values.atVector(L(0)), pose.translation())
-    residual = factor.unwhitenedError(values)
-    assert residual == pytest.approx([np.log(3.0 / far)], abs=1e-9)
+    residual = a_factor(chart).unwhitenedError(values)
+    assert residual[0] == pytest.approx(np.log(3.0 / far), abs=1e-9)
+
+
+@pytest.mark.parametrize("turn", [-2.0, 0.0, 0.4, 3.0])
+@pytest.mark.parametrize("phi", [0.4, 0.0, -0.4])
+def test_it_is_the_angle_that_the_line_is_turned_by_in_its_plane(turn: float, phi: float) -> None:
+    # Through infinity (phi = 0) the line keeps its direction, where Pluecker coordinates turn over.
+    chart = a_chart(2.0)
+    values = at(chart, phi)
+    values.update(L(0), np.array([phi - chart.angle, turn, 0.0, 0.0]))
+    assert a_factor(chart).unwhitenedError(values)[1] == pytest.approx(turn, abs=1e-9)
 
 
 @pytest.mark.parametrize("phi", [-1.0, -0.1, 0.0, 0.005, 0.02, 0.5, 1.5, 1.565, 1.7])
 def test_its_jacobians_are_the_numerical_derivatives_for_every_line(phi: float) -> None:
     chart = a_chart(2.0)
-    factor = line_distance_factor(UNIT, X(0), L(0), chart, 3.0)
     values = at(chart, phi, ELSEWHERE)
+    factor = a_factor(chart)
     for key, jacobian in factor_jacobians(factor, values).items():
         assert relative_error(jacobian, numerical_jacobian(factor, values, key, 1e-6)) < 1e-5
 
 
 def test_infinity_costs_more_than_any_line_in_front() -> None:
-    factor = line_distance_factor(UNIT, X(0), L(0), a_chart(2.0), 3.0)
-    costs = [factor.error(at(a_chart(2.0), phi)) for phi in (0.3, 0.1, 0.01, 0.0, -0.01)]
-    assert costs == sorted(costs)
+    factor = a_factor(a_chart(2.0))
+    costs = [
+        factor.unwhitenedError(at(a_chart(2.0), phi))[0] for phi in (0.3, 0.1, 0.01, 0.0, -0.01)
+    ]
+    assert np.abs(costs).tolist() == sorted(np.abs(costs))
 
 
 def test_it_says_nothing_of_where_pose_and_line_are_together() -> None:
     chart = a_chart(2.0)
-    factor = line_distance_factor(UNIT, X(0), L(0), chart, 3.0)
     values = at(chart, chart.angle)
     ends, _ = chart.end_points(values.atVector(L(0)), [-1.0, 1.0])
     moved = [ELSEWHERE.transformFrom(end) for end in ends]
@@ -67,17 +81,23 @@ def test_it_says_nothing_of_where_pose_and_line_are_together() -> None:
     there.insert(X(0), ELSEWHERE * HERE)
     direction = moved[1] - moved[0]
     there.insert(L(0), chart.local(np.cross(moved[0], direction), direction))
-    assert factor.error(there) == pytest.approx(factor.error(values), rel=1e-9)
+    factor = a_factor(chart)
+    np.testing.assert_allclose(
+        factor.unwhitenedError(there), factor.unwhitenedError(values), rtol=1e-9
+    )
 
 
 @pytest.mark.parametrize(
-    ("noise", "distance", "said"),
+    ("noise", "pose", "distance", "said"),
     [
-        (noiseModel.Unit.Create(4), 3.0, "dimension 4"),
-        (UNIT, -1.0, "distance must be positive"),
-        (UNIT, np.nan, "distance has a NaN"),
+        (noiseModel.Unit.Create(4), HERE, 3.0, "dimension 4"),
+        (UNIT, np.eye(4), 3.0, "world_T_body must be a"),
+        (UNIT, HERE, -1.0, "distance must be positive"),
+        (UNIT, HERE, np.nan, "distance has a NaN"),
     ],
 )
-def test_bad_arguments_are_named(noise: noiseModel.Base, distance: float, said: str) -> None:
+def test_bad_arguments_are_named(
+    noise: noiseModel.Base, pose: gtsam.Pose3, distance: float, said: str
+) -> None:
     with pytest.raises(FactorError, match=said):
-        line_distance_factor(noise, X(0), L(0), a_chart(1.0), distance)
+        new_line_factor(noise, X(0), L(0), a_chart(1.0), pose, distance)
