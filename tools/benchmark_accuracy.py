@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Accuracy of the odometry: real recordings, real motion in rendered rooms, simulated motions.
 
-    python tools/benchmark_accuracy.py --data ../shared/data
+    python tools/benchmark_accuracy.py --data DATA
     python tools/benchmark_accuracy.py --only square/ --seeds 3
     python tools/benchmark_accuracy.py --only free --ablation
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The time offset between camera and IMU: what a wrong one costs, and how well it is estimated.
 
-    python tools/benchmark_time_offset.py --data ../shared/data/euroc_MH_01_30s --out offset.jsonl
+    python tools/benchmark_time_offset.py --data DATA/euroc_MH_01_30s --out offset.jsonl
     python tools/benchmark_time_offset.py --only rest --seeds 5 --ms 0
 
 The stamps of all frames are moved by some ms, so that the offset is minus that. ATE is evo's,

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Faults of sensors and calibration against the odometry: does it stand, does it tell?
 
-    python tools/fault_campaign.py --data ../shared/data/euroc_MH_01_30s --out campaign.jsonl
+    python tools/fault_campaign.py --data DATA/euroc_MH_01_30s --out campaign.jsonl
     python tools/fault_campaign.py --only "lens covered"
     python tools/fault_campaign.py --list
 
