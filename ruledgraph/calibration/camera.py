@@ -64,19 +64,23 @@ def camera_from_info(message: Any, rectified: bool = False) -> CameraModel:
     Raises:
         CalibrationError: for an uncalibrated camera or an unsupported distortion model.
     """
-    matrix = message.K if hasattr(message, "K") else message.k
-    coefficients = message.D if hasattr(message, "D") else message.d
     if rectified:
         projection = np.reshape(message.P if hasattr(message, "P") else message.p, (3, 4))
-        matrix, coefficients = projection[:, :3].ravel(), np.zeros(0)
+        distortion, coefficients = "none", np.zeros(0)
+        name, matrix = "P", projection[:, :3].ravel()
+    else:
+        distortion = str(message.distortion_model)
+        coefficients = message.D if hasattr(message, "D") else message.d
+        name, matrix = "K", message.K if hasattr(message, "K") else message.k
     values: dict[str, Any] = {
-        "width": str(message.width),
-        "height": str(message.height),
-        "distortion_model": str(message.distortion_model),
-        "K": [str(float(x)) for x in matrix],
+        "distortion_model": distortion,
+        name: [str(float(x)) for x in matrix],
         "D": [str(float(x)) for x in coefficients],
     }
-    return model_of_info(Section("CameraInfo message", "", values))
+    section = Section("CameraInfo message", "", values)
+    fx, _, cx, _, fy, cy, _, _, _ = section.some_numbers(name, 9)
+    size = float(message.width), float(message.height)
+    return _checked(section, ("height", name, "D"), size, (fx, fy, cx, cy))
 
 
 def _checked(

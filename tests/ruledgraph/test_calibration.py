@@ -328,6 +328,17 @@ def test_messages_that_describe_no_usable_camera():
     message.distortion_model, message.d = "rational_polynomial", [0.1] * 8
     with pytest.raises(CalibrationError, match="D uses the rational model"):
         camera_from_info(message)
+    message.p = np.zeros(12)
+    with pytest.raises(CalibrationError, match="CameraInfo message: P has focal lengths 0, 0"):
+        camera_from_info(message, rectified=True)
+
+
+def test_what_distorts_a_camera_does_not_distort_its_rectified_images():
+    projection = [600.0, 0.0, 320.0, 0.0, 0.0, 600.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    message = SimpleNamespace(width=640, height=480, distortion_model="unheard_of", p=projection)
+    assert camera_from_info(message, rectified=True) == CameraModel(
+        640, 480, 600.0, 600.0, 320.0, 240.0
+    )
 
 
 # overrides
