@@ -9,7 +9,7 @@
   peak of its memory;
 - how long after a frame its live pose is there, between knots and at knots;
 - the same recording by the paper's solver, which is one of its baselines;
-- processor time at half the frame rate, and with at most 5 to 60 lines: of MH_01 with --data.
+- processor time at half the frame rate, and of both recordings with at most 5 to 60 lines.
 
 Each figure is the least of so many runs as --repeat says: other work on the machine only adds.
 How time and memory grow over an hour is a matter for tools/soak.py.
@@ -20,7 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import date
@@ -28,7 +28,7 @@ from functools import partial
 from itertools import count
 from operator import itemgetter
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 import click
 import numpy as np
@@ -130,19 +130,41 @@ def with_most_lines(most: int) -> Config:
     return replace(config, edges=replace(config.edges, max_lines=most))
 
 
-def draw(rows: Sequence[tuple[int, float, float]], path: Path) -> None:
+Row: TypeAlias = tuple[int, float, float]
+"""Most lines, lines in view on average, processor time of a second, s."""
+
+
+def by_lines(
+    measurements: Sequence[Measurement], calibration: Calibration, repeat: int
+) -> list[Row]:
+    """The cost with at most so many lines; none of where no estimate begins."""
+    stamps = [frame.stamp for frame in measurements if isinstance(frame, Frame)]
+    seconds = 1e-9 * (stamps[-1] - stamps[0])
+    rows = []
+    for most in MOST_LINES:
+        make = partial(Odometry, calibration, with_most_lines(most))
+        spent, lines = least(partial(processor_time, measurements, make), repeat, itemgetter(0))
+        if lines > 0.0:
+            rows.append((most, lines, spent / seconds))
+    return rows
+
+
+def draw(rows: Mapping[str, Sequence[Row]], path: Path) -> None:
     """Processor time over the number of lines."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6, 4), layout="constrained")
     axes = figure.subplots()
-    axes.plot([lines for _, lines, _ in rows], [cost for _, _, cost in rows], "o-")
-    for most, lines, cost in rows:
-        axes.annotate(f"at most {most}", (lines, cost), (6, -10), textcoords="offset points")
+    for name, of_recording in rows.items():
+        _, lines, costs = zip(*of_recording, strict=True)
+        axes.plot(lines, costs, "o-", label=name)
+        for row in of_recording:
+            axes.annotate(f"at most {row[0]}", row[1:], (6, -10), textcoords="offset points")
     axes.set(xlabel="graph lines in view", ylabel="processor time per second of recording")
     axes.set_xlim(left=0.0)
     axes.set_ylim(bottom=0.0)
     axes.grid(alpha=0.3)
+    axes.legend()
     figure.savefig(path, dpi=120)
 
 
@@ -199,16 +221,15 @@ def main(out: Path, data: str | None, repeat: int, seconds: float) -> None:
         f"twice the frame rate costs {ours / halved:.2f} times as much\n"
     )
 
+    rows = {"simulated": by_lines(measurements, simulation.calibration, repeat)}
     if data is not None:  # a real room has more lines
         stream, calibration, _ = real_recording(str(Path(data) / REAL_SLICE), seconds)
-        measurements = list(stream)
-    rows = []
-    click.echo("| lines at most | in view | processor time of a second, s |\n|---:|---:|---:|")
-    for most in MOST_LINES:
-        make = partial(Odometry, calibration, with_most_lines(most))
-        spent, lines = least(partial(processor_time, measurements, make), repeat, itemgetter(0))
-        rows.append((most, lines, spent / seconds))
-        click.echo(f"| {most} | {lines:.1f} | {rows[-1][2]:.2f} |")
+        rows["MH_01"] = by_lines(list(stream), calibration, repeat)
+    click.echo("| recording | lines at most | in view | processor time of a second, s |")
+    click.echo("|---|---:|---:|---:|")
+    for name, of_recording in rows.items():
+        for most, lines, cost_of_second in of_recording:
+            click.echo(f"| {name} | {most} | {lines:.1f} | {cost_of_second:.2f} |")
     draw(rows, out / "lines.png")
 
 
