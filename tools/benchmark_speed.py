@@ -159,7 +159,8 @@ def draw(rows: Mapping[str, Sequence[Row]], path: Path) -> None:
         _, lines, costs = zip(*of_recording, strict=True)
         axes.plot(lines, costs, "o-", label=name)
         for row in of_recording:
-            axes.annotate(f"at most {row[0]}", row[1:], (6, -10), textcoords="offset points")
+            axes.annotate(str(row[0]), row[1:], (6, -10), textcoords="offset points")
+    axes.set(title="with at most so many lines")
     axes.set(xlabel="graph lines in view", ylabel="processor time per second of recording")
     axes.set_xlim(left=0.0)
     axes.set_ylim(bottom=0.0)
