@@ -5,6 +5,7 @@
 Whatever is slow to import is imported where it is used, so that `--help` comes at once.
 """
 
+import gc
 from pathlib import Path
 from typing import Any
 
@@ -252,8 +253,12 @@ def smooth(recording: Path, **options: Any) -> None:
           --ground-truth MH_01_easy/mav0/state_groundtruth_estimate0/data.csv
       ruledgraph smooth flight.bag --calibration calib.yaml --set window.lag=2
     """
+    # What is imported stays: the garbage collector need not look through it, now or at the end.
+    gc.disable()
     from ruledgraph.smooth_command import smooth_command
 
+    gc.freeze()
+    gc.enable()
     smooth_command(recording, **options)
 
 

@@ -14,7 +14,7 @@ from rosbags import rosbag1, rosbag2
 
 from ruledgraph.measurements import Frame, ImuSample
 from ruledgraph.recording.container import Kind
-from ruledgraph.recording.messages import ROS1, ROS2
+from ruledgraph.recording.messages import types
 from ruledgraph.recording.report import StampRange
 from ruledgraph.recording.topics import CAMERA_INFO, camera_info_topic
 from ruledgraph.sensors import Calibration, CameraModel, ImuNoise
@@ -44,7 +44,7 @@ class BagSink:
         imu_topic: str,
     ) -> None:
         self._ros1 = kind == "rosbag1"
-        self._store = ROS1 if self._ros1 else ROS2
+        self._store = types(ros1=self._ros1)
         self._writer: Any
         if self._ros1:
             self._writer = rosbag1.Writer(path)
