@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Lines of the graph: where they are, how far they reach, when they are no good."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -76,28 +77,9 @@ class GraphLine:
         inverse, slope = self.chart.inverse_distance(self.delta)
         return inverse, float(np.sqrt(max(float(slope @ self.covariance @ slope), 0.0)))
 
-    def extend(self, world_T_cam: gtsam.Pose3, points: FloatArray) -> None:
-        """Take note of how far the line was seen, points (N, 2) being in order along it."""
-        moment, direction = self.plucker[0][:3], self.plucker[0][3:]
-        length = float(np.linalg.norm(direction))
-        if length < _INFINITE:
-            return
-        unit = direction / length
-        foot = hat(unit) @ moment / length
-        # Counted from the point next to the anchor, as by `LineChart.end_points`.
-        foot += unit * (unit @ (self.chart.world_T_anchor.translation() - foot))
-        rays = np.ones((2, 3))
-        rays[:, :2] = points[[0, -1]]
-        rays = rays @ world_T_cam.rotation().matrix().T
-        rays /= np.sqrt(np.sum(rays * rays, axis=1))[:, None]
-        cosine = rays @ unit
-        sine2 = 1.0 - cosine * cosine
-        if min(sine2.tolist()) < _PARALLEL:
-            return
-        # Where on the line foot + s unit it is closest to the ray from the centre.
-        offset = world_T_cam.translation() - foot
-        reach = (unit @ offset - cosine * (rays @ offset)) / sine2
-        self._reach.append(np.sort(reach))
+    def note_reach(self, reach: FloatArray) -> None:
+        """From where to where it was seen, (2,), m from the point next to the anchor."""
+        self._reach.append(reach)
         del self._reach[:-_KEPT]
 
     def estimate(self) -> LineEstimate | None:
@@ -114,3 +96,40 @@ class GraphLine:
         return LineEstimate(
             self.track.number, ends, covariance, self.first_stamp, self.last_stamp, self.points
         )
+
+
+def note_reach(
+    lines: Sequence[GraphLine], world_T_cams: Sequence[gtsam.Pose3], ends: FloatArray
+) -> None:
+    """Take note of how far lines were seen, each by its camera from one end to the other.
+
+    The reach of an end is s where the line, foot + s unit, is closest to the ray through it;
+    (N, 2) for ends (N, 2, 2), normalised.
+    """
+    if not lines:
+        return
+    plucker = np.array([line.plucker[0] for line in lines])
+    moment, direction = plucker[:, :3], plucker[:, 3:]
+    length = np.sqrt(np.sum(direction * direction, axis=1, keepdims=True))
+    finite = length >= _INFINITE
+    length = np.where(finite, length, 1.0)
+    unit = direction / length
+    foot = (hat(unit) @ moment[..., None])[..., 0] / length
+    # Counted from the point next to the anchor, as by `LineChart.end_points`.
+    anchors = np.array([line.chart.world_T_anchor.translation() for line in lines])
+    foot += unit * np.sum(unit * (anchors - foot), axis=1, keepdims=True)
+    rays = np.ones((len(lines), 2, 3))
+    rays[..., :2] = ends
+    rotations = np.array([camera.rotation().matrix() for camera in world_T_cams])
+    rays = rays @ rotations.transpose(0, 2, 1)
+    rays /= np.sqrt(np.sum(rays * rays, axis=2, keepdims=True))
+    cosine = (rays @ unit[..., None])[..., 0]
+    sine2 = 1.0 - cosine * cosine
+    seen = finite & (sine2 >= _PARALLEL)
+    offset = np.array([camera.translation() for camera in world_T_cams]) - foot
+    along = np.sum(unit * offset, axis=1, keepdims=True)
+    reach = along - cosine * (rays @ offset[..., None])[..., 0]
+    reach = np.sort(reach / np.where(seen, sine2, 1.0), axis=1)
+    for line, own, both in zip(lines, reach, seen.all(axis=1).tolist(), strict=True):
+        if both:
+            line.note_reach(own)

@@ -22,7 +22,7 @@ from ruledgraph.knots import (
     insert_state,
     of_new_line,
 )
-from ruledgraph.lines import GraphLine
+from ruledgraph.lines import GraphLine, note_reach
 from ruledgraph.sensors import Calibration
 from ruledgraph.smoother import FixedLagSmoother, SmootherError
 from ruledgraph.time_offset import OffsetLink
@@ -406,6 +406,7 @@ class Window:
         interval = self.intervals[-1]
         poses = interval.poses()
         at_knot = interval.state(np.zeros(4))
+        good, cameras, ends = [], [], []
         for line, factor, points, (place, last_points) in interval.observations:
             if factor.spec.keys[-1] != line.key or self.lines.get(line.track.number) is not line:
                 continue  # it was just re-anchored, or dropped
@@ -421,7 +422,10 @@ class Window:
                 line.track.give_up()
                 del self.lines[line.track.number]
             elif not bad:
-                line.extend(poses[place].compose(self._body_T_cam), last_points)
+                good.append(line)
+                cameras.append(poses[place].compose(self._body_T_cam))
+                ends.append(last_points[[0, -1]])
+        note_reach(good, cameras, np.array(ends))
 
     def _rebuild(self) -> None:
         """A new smoother from the window's own states, marginals and data; failing that, without
