@@ -4,6 +4,7 @@
 
 import math
 import operator
+from functools import lru_cache
 from typing import Any, TypeAlias
 
 import gtsam
@@ -108,9 +109,15 @@ def pose(name: str, value: gtsam.Pose3) -> gtsam.Pose3:
             f"{name} must be a gtsam.Pose3, not {type(value).__name__} "
             "(a 4x4 matrix is wrapped by gtsam.Pose3(matrix))"
         )
+    _require_rigid(name, value)
+    return value
+
+
+@lru_cache(maxsize=8)
+def _require_rigid(name: str, value: gtsam.Pose3) -> None:
+    """Remembers the last few poses: all factors of a camera share its extrinsic."""
     matrix = finite_array(name, value.matrix(), (4, 4))
     rotation_matrix(name, matrix[:3, :3])
-    return value
 
 
 def graph_key(name: str, value: int) -> int:
