@@ -9,6 +9,7 @@ import numpy as np
 from gtsam import noiseModel
 
 from ruledgraph_factors.errors import FactorError
+from ruledgraph_factors.kernel import active_kernel, native
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.so3 import hat
 from ruledgraph_factors.validation import FloatArray, graph_key, instance, pose, positive_number
@@ -63,33 +64,64 @@ def new_line_factor(
     keys = [graph_key("pose_key", pose_key), graph_key("line_key", line_key)]
     log_distance = math.log(positive_number("distance", distance))
     body_R_anchor = world_T_body.rotation().between(chart.world_T_anchor.rotation()).matrix()
-    along, across = body_R_anchor @ chart.basis[:, 1], body_R_anchor @ chart.basis[:, 2]
+    plane = np.asfortranarray(body_R_anchor @ chart.basis[:, 1:])
 
     def error(
         this: gtsam.CustomFactor, values: gtsam.Values, H: list[FloatArray] | None
     ) -> FloatArray:
         pose_key, line_key = this.keys()
-        world_T_body, delta = values.atPose3(pose_key), values.atVector(line_key)
-        phi, phi_by_pose, phi_by_line = _inverse_distance_angle(chart, delta, world_T_body)
-        # To the logarithm's range and back: r0(phi) and its slope beyond it are those at its end.
-        inside = min(max(phi, _STRAIGHT), 0.5 * math.pi - _STRAIGHT)
-        slope = 2.0 / math.sin(2.0 * inside)
-        body_R_world = world_T_body.rotation().matrix().T
-        direction, by_delta = chart.direction(delta)
-        seen = body_R_world @ direction
-        x, y = float(along @ seen), float(across @ seen)
+        pose, delta = values.atPose3(pose_key), values.atVector(line_key)
+        value, by_pose, by_line = seen_from(chart, delta, pose, plane, log_distance)
         if H is not None:
-            by_seen = (x * across - y * along) / max(x * x + y * y, _LEAST)
-            turn_by_pose = np.concatenate([by_seen @ hat(seen), np.zeros(3)])
-            H[0] = np.asfortranarray([slope * phi_by_pose, turn_by_pose])
-            H[1] = np.asfortranarray([slope * phi_by_line, by_seen @ body_R_world @ by_delta])
-        stretch = math.log(math.tan(inside)) + log_distance + slope * (phi - inside)
-        return np.array([stretch, math.atan2(y, x)])
+            H[0], H[1] = np.asfortranarray(by_pose), np.asfortranarray(by_line)
+        return value
 
     factor = gtsam.CustomFactor(noise_model, keys, error)
     if factor.dim() != 2:
         raise FactorError(f"noise_model has dimension {factor.dim()}, but this factor has 2 rows")
     return factor
+
+
+def seen_from(
+    chart: LineChart,
+    delta: FloatArray,
+    world_T_body: gtsam.Pose3,
+    plane: FloatArray,
+    log_distance: float,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The residual, (2,), and its derivatives by the pose, (2, 6), and by delta, (2, 4); `plane`
+    is a and b, (3, 2).
+    """
+    if active_kernel() == "numpy":
+        return new_line_in_numpy(chart, delta, world_T_body, plane, log_distance)
+    anchor, body = chart.world_T_anchor.matrix(), world_T_body.matrix()
+    return native.new_line(anchor, chart.basis, chart.angle, delta, body, plane, log_distance)
+
+
+def new_line_in_numpy(
+    chart: LineChart,
+    delta: FloatArray,
+    world_T_body: gtsam.Pose3,
+    plane: FloatArray,
+    log_distance: float,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The reference of `_native.new_line`."""
+    phi, phi_by_pose, phi_by_line = _inverse_distance_angle(chart, delta, world_T_body)
+    # To the logarithm's range and back: r0(phi) and its slope beyond it are those at its end.
+    inside = min(max(phi, _STRAIGHT), 0.5 * math.pi - _STRAIGHT)
+    slope = 2.0 / math.sin(2.0 * inside)
+    stretch = math.log(math.tan(inside)) + log_distance + slope * (phi - inside)
+    body_R_world = world_T_body.rotation().matrix().T
+    direction, by_delta = chart.direction(delta)
+    seen = body_R_world @ direction
+    x, y = seen @ plane
+    by_seen = (x * plane[:, 1] - y * plane[:, 0]) / max(x * x + y * y, _LEAST)
+    turn_by_pose = np.concatenate([by_seen @ hat(seen), np.zeros(3)])
+    return (
+        np.array([stretch, math.atan2(y, x)]),
+        np.array([slope * phi_by_pose, turn_by_pose]),
+        np.array([slope * phi_by_line, by_seen @ body_R_world @ by_delta]),
+    )
 
 
 def _inverse_distance_angle(

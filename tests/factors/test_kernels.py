@@ -25,6 +25,7 @@ from ruledgraph_factors import (
     preintegrate_frames,
     ruled_surface_pose_factor,
 )
+from ruledgraph_factors.new_line import seen_from
 
 needs_native = pytest.mark.skipif(
     kernel.native is None, reason="the native kernel was not built (no C++ compiler)"
@@ -121,6 +122,18 @@ def test_plucker_coordinates_agree(by_both: ByBoth) -> None:
         case = random_case(seed)
         delta = case.rng.normal(size=4) * 10.0 ** case.rng.uniform(-6.0, 0.3)
         native, numpy = by_both(lambda c=case, d=delta: c.chart.plucker(d))
+        for ours, reference in zip(native, numpy, strict=True):
+            assert relative_error(ours, reference) < BOUND
+
+
+@needs_native
+def test_new_lines_agree(by_both: ByBoth) -> None:
+    for seed in range(100):
+        case = random_case(seed)
+        delta = case.rng.normal(size=4) * 10.0 ** case.rng.uniform(-6.0, 0.3)
+        plane = gtsam.Rot3.Expmap(case.rng.normal(size=3)).matrix()[:, :2]
+        rest = delta, case.values.atPose3(X(0)), plane, case.rng.normal()
+        native, numpy = by_both(lambda c=case, r=rest: seen_from(c.chart, *r))
         for ours, reference in zip(native, numpy, strict=True):
             assert relative_error(ours, reference) < BOUND
 
