@@ -43,6 +43,19 @@ class _Surface:
         The state is that of `ruled_surface.State`. `jacobian` has Fortran order.
         """
 
+    def fit_line(
+        self,
+        world_T_body: FloatArray,
+        velocity: FloatArray,
+        bias: FloatArray,
+        gravity: FloatArray,
+        starts: list[FloatArray],
+        information: float,
+        prior: FloatArray,
+        descents: int,
+    ) -> tuple[FloatArray, float, FloatArray]:
+        """As `line_fit.fit_line_in_numpy`."""
+
 class GeometricSurface(_Surface):
     """As `ruled_surface.geometric_residual`."""
 

@@ -63,7 +63,10 @@ def _in_numpy(spec: RuledSurfaceSpec) -> Evaluate:
     return evaluate
 
 
-def _in_native(spec: RuledSurfaceSpec) -> Evaluate:
+def native_surface(
+    spec: RuledSurfaceSpec,
+) -> "native.GeometricSurface | native.ReprojectionSurface":
+    """The constants of the factor that `spec` describes, for the native kernel."""
     chart, motion, points = spec.chart, spec.motion, spec.points
     geometry = native.Geometry(
         chart.world_T_anchor.matrix(),
@@ -76,15 +79,14 @@ def _in_native(spec: RuledSurfaceSpec) -> Evaluate:
         motion.bias,
         motion.time_jacobian,
     )
-    columns = COLUMNS if motion.time_jacobian is None else COLUMNS_WITH_TIME
-    surface: native.GeometricSurface | native.ReprojectionSurface
     if isinstance(points, CompressedPoints):
-        surface = native.GeometricSurface(geometry, points.statistics)
-    else:
-        surface = native.ReprojectionSurface(
-            geometry, points.points, points.sqrt_weights, points.frame
-        )
-    rows = points.rows
+        return native.GeometricSurface(geometry, points.statistics)
+    return native.ReprojectionSurface(geometry, points.points, points.sqrt_weights, points.frame)
+
+
+def _in_native(spec: RuledSurfaceSpec) -> Evaluate:
+    surface, rows = native_surface(spec), spec.points.rows
+    columns = COLUMNS if spec.motion.time_jacobian is None else COLUMNS_WITH_TIME
 
     def evaluate(state: State, want_jacobian: bool) -> Residual:
         value = np.empty(rows)

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "ruledgraph/compress.hpp"
+#include "ruledgraph/line_fit.hpp"
 #include "ruledgraph/new_line.hpp"
 #include "ruledgraph/preintegration.hpp"
 #include "ruledgraph/ruled_surface.hpp"
@@ -93,6 +94,21 @@ struct RuledSurface {
             "jacobian has the wrong number of rows or columns");
     MatrixOut out = Eigen::Map<Eigen::MatrixXd>(jacobian.data(), points.rows(), columns);
     ruledgraph::evaluate(geometry, points, state, residual, &out);
+  }
+
+  nb::tuple fit_line(const Matrix4d& world_T_body, const Vector3& velocity, const Vector6& bias,
+                     const Vector3& gravity, const std::vector<Eigen::Vector4d>& starts,
+                     double information, const Eigen::Vector4d& prior, std::size_t descents) const {
+    require(!starts.empty(), "starts is empty");
+    const State state{world_T_body.topLeftCorner<3, 3>(),
+                      world_T_body.topRightCorner<3, 1>(),
+                      velocity,
+                      bias,
+                      gravity,
+                      starts.front()};
+    LineProblem<Points> problem(geometry, points, state, information, prior);
+    const LineMinimum fit = ruledgraph::fit_line(problem, starts, descents);
+    return nb::make_tuple(fit.delta, fit.cost, fit.hessian);
   }
 };
 
@@ -207,7 +223,10 @@ nb::class_<Surface> bind_surface(nb::module_& module, const char* name) {
   return nb::class_<Surface>(module, name)
       .def("evaluate", &Surface::evaluate, nb::arg("world_T_body"), nb::arg("velocity"),
            nb::arg("bias"), nb::arg("gravity"), nb::arg("line"), nb::arg("time_shift"),
-           nb::arg("residual"), nb::arg("jacobian").noconvert().none());
+           nb::arg("residual"), nb::arg("jacobian").noconvert().none())
+      .def("fit_line", &Surface::fit_line, nb::arg("world_T_body"), nb::arg("velocity"),
+           nb::arg("bias"), nb::arg("gravity"), nb::arg("starts"), nb::arg("information"),
+           nb::arg("prior"), nb::arg("descents"));
 }
 
 }  // namespace

@@ -25,7 +25,9 @@ from ruledgraph_factors import (
     preintegrate_frames,
     ruled_surface_pose_factor,
 )
+from ruledgraph_factors.line_fit import fit_line
 from ruledgraph_factors.new_line import seen_from
+from ruledgraph_factors.ruled_surface import State
 
 needs_native = pytest.mark.skipif(
     kernel.native is None, reason="the native kernel was not built (no C++ compiler)"
@@ -136,6 +138,24 @@ def test_new_lines_agree(by_both: ByBoth) -> None:
         native, numpy = by_both(lambda c=case, r=rest: seen_from(c.chart, *r))
         for ours, reference in zip(native, numpy, strict=True):
             assert relative_error(ours, reference) < BOUND
+
+
+@needs_native
+@pytest.mark.parametrize("kind", POINTS)
+def test_fits_of_lines_agree(kind, by_both: ByBoth) -> None:
+    prior = np.array([1.0, 1.0, 1e-4, 1e-4])
+    for seed in range(50):
+        case = random_case(seed, frames=2 + seed % 5, points=2 + seed % 7)
+        spec = case.factor("knot", kind).spec
+        pose, velocity = case.values.atPose3(X(0)).matrix(), case.values.atVector(V(0))
+        state = State(pose, velocity, np.zeros(6), spec.gravity, np.zeros(4))
+        starts = list(case.rng.normal(size=(5, 4)) * 0.2)
+        native, numpy = by_both(
+            lambda spec=spec, at=state, starts=starts: fit_line(spec, at, starts, 1e4, prior, 2)
+        )
+        # Steps that are solved for make rounding larger.
+        for ours, reference in zip(native, numpy, strict=True):
+            assert relative_error(np.asarray(ours), np.asarray(reference)) < 1e-7, seed
 
 
 def pose_factor(kind, chart: LineChart, points: np.ndarray) -> RuledSurfaceFactor:
