@@ -16,11 +16,13 @@ from ruledgraph.sensors import FloatArray
 from ruledgraph.time_offset import OffsetLink, TimeOffset
 from ruledgraph.tracks import Sighting, Track
 from ruledgraph_factors import (
+    NEW_LINE_SIGMAS,
     STANDARD_GRAVITY,
     CompressedPoints,
     FrameMotion,
     LineChart,
     RuledSurfaceFactor,
+    line_distance_factor,
     new_line_factor,
 )
 from ruledgraph_factors.ruled_surface import State
@@ -29,8 +31,6 @@ from ruledgraph_factors.ruled_surface import State
 _NEW_PLANE = 0.05
 # How far away a line is, m, and by what factor that may be wrong.
 _DISTANCE, _DISTANCE_FACTOR = 3.0, 4.0
-# How far from the first guess it may run in its plane, rad.
-_NEW_DIRECTION = 1.0
 _GRAVITY = np.array(STANDARD_GRAVITY)
 
 
@@ -167,12 +167,14 @@ def of_new_line(knot: Knot, seen: Observation) -> tuple[gtsam.NonlinearFactor, .
     better known, and be drawn to where the priors fit.
     """
     line, spec, points = seen.line, seen.factor.spec, seen.points
-    wide = noiseModel.Diagonal.Sigmas(np.array([math.log(_DISTANCE_FACTOR), _NEW_DIRECTION]))
+    wide = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
+    factor = noiseModel.Isotropic.Sigma(1, math.log(_DISTANCE_FACTOR))
     # The robust loss gives up points that are far off, and one bad step would carry the line away
     # for good: its points once more, loose and without that loss.
     loose = noiseModel.Isotropic.Sigma(points.rows, _NEW_PLANE * math.sqrt(points.weight))
     pose_key, pose = spec.keys[0], knot.state.pose()
     return (
-        new_line_factor(wide, pose_key, line.key, line.chart, pose, _DISTANCE),
+        new_line_factor(wide, pose_key, line.key, line.chart, pose),
+        line_distance_factor(factor, pose_key, line.key, line.chart, _DISTANCE),
         RuledSurfaceFactor(replace(spec, noise_model=loose)),
     )

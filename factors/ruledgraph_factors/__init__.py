@@ -17,6 +17,7 @@ from ruledgraph_factors.factor import (
 from ruledgraph_factors.first_window import LineTrack, WindowSolution, solve_first_window
 from ruledgraph_factors.kernel import active_kernel
 from ruledgraph_factors.line import LineChart
+from ruledgraph_factors.line_distance import line_distance_factor
 from ruledgraph_factors.motion import (
     STANDARD_GRAVITY,
     FrameMotion,
@@ -47,6 +48,7 @@ __all__ = [
     "WindowSolution",
     "active_kernel",
     "bin_points",
+    "line_distance_factor",
     "line_from_ruling",
     "new_line_factor",
     "preintegrate_frames",

@@ -75,16 +75,14 @@ def plucker(
 ) -> tuple[FloatArray, FloatArray]:
     """As `LineChart.plucker`; the anchor is (4, 4)."""
 
-def new_line(
+def line_angle(
     world_T_anchor: FloatArray,
     basis: FloatArray,
     angle: float,
     delta: FloatArray,
     world_T_body: FloatArray,
-    plane: FloatArray,
-    log_distance: float,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """As `new_line.new_line_in_numpy`; poses are (4, 4)."""
+) -> tuple[float, FloatArray, FloatArray]:
+    """As `line_distance.line_angle_in_numpy`; poses are (4, 4)."""
 
 def compress(points: FloatArray, sqrt_weights: FloatArray, counts: IntArray) -> FloatArray:
     """As `observations.compress_in_numpy`."""

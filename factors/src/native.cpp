@@ -14,8 +14,8 @@
 #include <vector>
 
 #include "ruledgraph/compress.hpp"
+#include "ruledgraph/line_distance.hpp"
 #include "ruledgraph/line_fit.hpp"
-#include "ruledgraph/new_line.hpp"
 #include "ruledgraph/preintegration.hpp"
 #include "ruledgraph/ruled_surface.hpp"
 
@@ -209,13 +209,12 @@ nb::tuple plucker_pair(const Matrix4d& world_T_anchor, const Matrix3& basis, dou
   return nb::make_tuple(pair.value, pair.by_line);
 }
 
-nb::tuple see_new_line(const Matrix4d& world_T_anchor, const Matrix3& basis, double angle,
-                       const Eigen::Vector4d& delta, const Matrix4d& world_T_body,
-                       const Eigen::Matrix<double, 3, 2>& plane, double log_distance) {
-  const NewLine seen =
-      new_line(make_chart(world_T_anchor, basis, angle), delta, world_T_body.topLeftCorner<3, 3>(),
-               world_T_body.topRightCorner<3, 1>(), {plane.col(0), plane.col(1), log_distance});
-  return nb::make_tuple(seen.value, seen.by_pose, seen.by_line);
+nb::tuple angle_of_line(const Matrix4d& world_T_anchor, const Matrix3& basis, double angle,
+                        const Eigen::Vector4d& delta, const Matrix4d& world_T_body) {
+  const LineAngle phi =
+      line_angle(make_chart(world_T_anchor, basis, angle), delta,
+                 world_T_body.topLeftCorner<3, 3>(), world_T_body.topRightCorner<3, 1>());
+  return nb::make_tuple(phi.value, phi.pose, phi.line);
 }
 
 template <typename Surface>
@@ -243,9 +242,8 @@ NB_MODULE(_native, module) {
            nb::arg("sqrt_weights"), nb::arg("frame"));
   module.def("plucker", &plucker_pair, nb::arg("world_T_anchor"), nb::arg("basis"),
              nb::arg("angle"), nb::arg("delta"));
-  module.def("new_line", &see_new_line, nb::arg("world_T_anchor"), nb::arg("basis"),
-             nb::arg("angle"), nb::arg("delta"), nb::arg("world_T_body"), nb::arg("plane"),
-             nb::arg("log_distance"));
+  module.def("line_angle", &angle_of_line, nb::arg("world_T_anchor"), nb::arg("basis"),
+             nb::arg("angle"), nb::arg("delta"), nb::arg("world_T_body"));
   module.def("compress", &compress_frames, nb::arg("points"), nb::arg("sqrt_weights"),
              nb::arg("counts"));
   module.def("segments", &segments, nb::arg("times"), nb::arg("force"), nb::arg("rate"),

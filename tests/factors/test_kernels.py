@@ -25,8 +25,8 @@ from ruledgraph_factors import (
     preintegrate_frames,
     ruled_surface_pose_factor,
 )
+from ruledgraph_factors.line_distance import line_angle
 from ruledgraph_factors.line_fit import fit_line
-from ruledgraph_factors.new_line import seen_from
 from ruledgraph_factors.ruled_surface import State
 
 needs_native = pytest.mark.skipif(
@@ -129,15 +129,14 @@ def test_plucker_coordinates_agree(by_both: ByBoth) -> None:
 
 
 @needs_native
-def test_new_lines_agree(by_both: ByBoth) -> None:
+def test_angles_of_lines_agree(by_both: ByBoth) -> None:
     for seed in range(100):
         case = random_case(seed)
         delta = case.rng.normal(size=4) * 10.0 ** case.rng.uniform(-6.0, 0.3)
-        plane = gtsam.Rot3.Expmap(case.rng.normal(size=3)).matrix()[:, :2]
-        rest = delta, case.values.atPose3(X(0)), plane, case.rng.normal()
-        native, numpy = by_both(lambda c=case, r=rest: seen_from(c.chart, *r))
+        pose = case.values.atPose3(X(0))
+        native, numpy = by_both(lambda c=case, d=delta, p=pose: line_angle(c.chart, d, p))
         for ours, reference in zip(native, numpy, strict=True):
-            assert relative_error(ours, reference) < BOUND
+            assert relative_error(np.asarray(ours), np.asarray(reference)) < BOUND
 
 
 @needs_native

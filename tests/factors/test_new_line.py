@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""The factor of what one image does not show of a line."""
+"""The prior on a new line that moves with the pose that saw it."""
 
 import gtsam
 import numpy as np
@@ -8,96 +8,75 @@ import pytest
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import L, X
 
-from numerics import factor_jacobians, numerical_jacobian, relative_error
-from ruledgraph_factors import FactorError, LineChart, new_line_factor
+from random_factors import random_case
+from ruledgraph_factors import NEW_LINE_SIGMAS, FactorError, LineChart, new_line_factor
+from ruledgraph_factors.new_line import moved_with
 
-UNIT = noiseModel.Unit.Create(2)
-HERE = gtsam.Pose3()
-ELSEWHERE = gtsam.Pose3(gtsam.Rot3.Ypr(0.3, -0.2, 0.4), np.array([0.3, -0.4, 0.5]))
-
-
-def a_chart(distance: float) -> LineChart:
-    """A vertical line in front of a camera at the origin."""
-    normal = np.array([1.0, 0.0, 0.0])
-    return LineChart.from_ruling(HERE, normal, 1.0 / distance, np.array([0.0, 0.0]))
+UNIT = noiseModel.Diagonal.Sigmas(np.ones(4))
+POSE = gtsam.Pose3(gtsam.Rot3.Ypr(0.3, -0.2, 0.4), np.array([0.3, -0.4, 0.5]))
+CHART = LineChart.from_points(POSE, [2.0, 1.0, -0.5], [2.5, 0.0, 1.0])
 
 
-def at(chart: LineChart, phi: float, pose: gtsam.Pose3 = HERE) -> gtsam.Values:
-    values = gtsam.Values()
-    values.insert(X(0), pose)
-    values.insert(L(0), np.array([phi - chart.angle, 0.3, -0.2, 0.1]))
-    return values
-
-
-def a_factor(chart: LineChart) -> gtsam.CustomFactor:
-    return new_line_factor(UNIT, X(0), L(0), chart, HERE, 3.0)
-
-
-@pytest.mark.parametrize("distance", [0.2, 1.0, 3.0, 15.0])
-@pytest.mark.parametrize("pose", [HERE, ELSEWHERE])
-def test_it_is_the_logarithm_of_the_distance_over_the_median(
-    distance: float, pose: gtsam.Pose3
-) -> None:
-    chart = a_chart(distance)
-    values = at(chart, chart.angle, pose)
-    far, _, _ = chart.distance_to(values.atVector(L(0)), pose.translation())
-    residual = a_factor(chart).unwhitenedError(values)
-    assert residual[0] == pytest.approx(np.log(3.0 / far), abs=1e-9)
-
-
-@pytest.mark.parametrize("turn", [-2.0, 0.0, 0.4, 3.0])
-@pytest.mark.parametrize("phi", [0.4, 0.0, -0.4])
-def test_it_is_the_angle_that_the_line_is_turned_by_in_its_plane(turn: float, phi: float) -> None:
-    # Through infinity (phi = 0) the line keeps its direction, where Pluecker coordinates turn over.
-    chart = a_chart(2.0)
-    values = at(chart, phi)
-    values.update(L(0), np.array([phi - chart.angle, turn, 0.0, 0.0]))
-    assert a_factor(chart).unwhitenedError(values)[1] == pytest.approx(turn, abs=1e-9)
-
-
-@pytest.mark.parametrize("phi", [-1.0, -0.1, 0.0, 0.005, 0.02, 0.5, 1.5, 1.565, 1.7])
-def test_its_jacobians_are_the_numerical_derivatives_for_every_line(phi: float) -> None:
-    chart = a_chart(2.0)
-    values = at(chart, phi, ELSEWHERE)
-    factor = a_factor(chart)
-    for key, jacobian in factor_jacobians(factor, values).items():
-        assert relative_error(jacobian, numerical_jacobian(factor, values, key, 1e-6)) < 1e-5
-
-
-def test_infinity_costs_more_than_any_line_in_front() -> None:
-    factor = a_factor(a_chart(2.0))
-    costs = [
-        factor.unwhitenedError(at(a_chart(2.0), phi))[0] for phi in (0.3, 0.1, 0.01, 0.0, -0.01)
-    ]
-    assert np.abs(costs).tolist() == sorted(np.abs(costs))
-
-
-def test_it_says_nothing_of_where_pose_and_line_are_together() -> None:
-    chart = a_chart(2.0)
-    values = at(chart, chart.angle)
-    ends, _ = chart.end_points(values.atVector(L(0)), [-1.0, 1.0])
-    moved = [ELSEWHERE.transformFrom(end) for end in ends]
-    there = gtsam.Values()
-    there.insert(X(0), ELSEWHERE * HERE)
-    direction = moved[1] - moved[0]
-    there.insert(L(0), chart.local(np.cross(moved[0], direction), direction))
-    factor = a_factor(chart)
-    np.testing.assert_allclose(
-        factor.unwhitenedError(there), factor.unwhitenedError(values), rtol=1e-9
+def carried(chart: LineChart, by: gtsam.Pose3) -> np.ndarray:
+    """delta of the reference line after a motion of the world."""
+    moment, direction = np.split(chart.plucker(np.zeros(4))[0], 2)
+    direction = by.rotation().rotate(direction)
+    return chart.local(
+        by.rotation().rotate(moment) + np.cross(by.translation(), direction), direction
     )
 
 
+def at(pose: gtsam.Pose3, delta: np.ndarray) -> gtsam.Values:
+    values = gtsam.Values()
+    values.insert(X(0), pose)
+    values.insert(L(0), delta)
+    return values
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_lines_move_with_the_pose(seed: int) -> None:
+    case, step = random_case(seed), 1e-6
+    chart, pose = case.chart, case.values.atPose3(X(0))
+    numerical = [
+        (
+            carried(chart, pose.retract(row) * pose.inverse())
+            - carried(chart, pose.retract(-row) * pose.inverse())
+        )
+        / (2.0 * step)
+        for row in step * np.eye(6)
+    ]
+    ours = moved_with(chart, pose)
+    scale = max(1.0, float(np.abs(ours).max()))
+    np.testing.assert_allclose(ours, np.transpose(numerical), atol=1e-7 * scale)
+
+
+def test_it_is_a_prior_on_the_chart_as_long_as_the_pose_stays() -> None:
+    delta = np.array([0.2, -0.4, 0.1, 0.3])
+    noise = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
+    factor = new_line_factor(noise, X(0), L(0), CHART, POSE)
+    prior = gtsam.PriorFactorVector(L(0), np.zeros(4), noise)
+    values = at(POSE, delta)
+    assert factor.error(values) == pytest.approx(prior.error(values), rel=1e-12)
+
+
+def test_it_says_nothing_of_where_pose_and_line_are_together() -> None:
+    factor = new_line_factor(UNIT, X(0), L(0), CHART, POSE)
+    for motion in 1e-3 * np.vstack([np.eye(6), -np.eye(6)]):
+        by = gtsam.Pose3.Expmap(motion)
+        moved = at(by * POSE, carried(CHART, by))
+        # What remains is of second order.
+        assert 2.0 * factor.error(moved) < 1e-10
+        assert 2.0 * factor.error(at(POSE, carried(CHART, by))) < 1e-4
+
+
 @pytest.mark.parametrize(
-    ("noise", "pose", "distance", "said"),
+    ("noise", "chart", "pose", "said"),
     [
-        (noiseModel.Unit.Create(4), HERE, 3.0, "dimension 4"),
-        (UNIT, np.eye(4), 3.0, "world_T_body must be a"),
-        (UNIT, HERE, -1.0, "distance must be positive"),
-        (UNIT, HERE, np.nan, "distance has a NaN"),
+        (noiseModel.Diagonal.Sigmas(np.ones(2)), CHART, POSE, "dimension 2"),
+        (UNIT, CHART, np.eye(4), "world_T_body must be a"),
+        (UNIT, LineChart(POSE, np.eye(3), np.pi / 2), POSE, "runs through its anchor"),
     ],
 )
-def test_bad_arguments_are_named(
-    noise: noiseModel.Base, pose: gtsam.Pose3, distance: float, said: str
-) -> None:
+def test_bad_arguments_are_named(noise, chart, pose, said) -> None:
     with pytest.raises(FactorError, match=said):
-        new_line_factor(noise, X(0), L(0), a_chart(1.0), pose, distance)
+        new_line_factor(noise, X(0), L(0), chart, pose)

@@ -1,0 +1,96 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""How far away a line is about, before anything shows it."""
+
+import math
+
+import gtsam
+import numpy as np
+from gtsam import noiseModel
+
+from ruledgraph_factors.errors import FactorError
+from ruledgraph_factors.kernel import active_kernel, native
+from ruledgraph_factors.line import LineChart
+from ruledgraph_factors.so3 import hat
+from ruledgraph_factors.validation import FloatArray, graph_key, instance, positive_number
+
+# So close to the pose or to infinity (rad) the logarithm goes on straight.
+_STRAIGHT = 0.05
+
+
+def line_distance_factor(
+    noise_model: noiseModel.Base, pose_key: int, line_key: int, chart: LineChart, distance: float
+) -> gtsam.CustomFactor:
+    """A line is about so far from a pose, give or take a factor.
+
+    Residual: r = log(tan(phi) distance), (1,), with tan(phi) the line's inverse distance from the
+    pose's origin: phi = atan2(sin(phi_A), |m|), m the moment about it at the scale of the chart,
+    phi_A the chart's angle, whose sign it takes. Where the line comes close to infinity or to the
+    pose it goes on along the tangent, so that it is defined for every line.
+
+    A line along the motion shows no depth, and a small error of the velocity across it looks like
+    depth: a normal prior on the chart then gives way and the line goes to infinity, where it holds
+    the camera no longer. This one does not give way. It is no prior on the line alone: one that
+    says how far the line is from a fixed place would draw the poses along, a little with each line.
+
+    Args:
+        noise_model: of dimension 1: the logarithm of the factor, log(4) for 1 / 4 to 4 times.
+        pose_key: Pose3, world_T_body of a knot that saw the line.
+        line_key: Vector4, delta of `chart`.
+        chart: of the line.
+        distance: median, m.
+
+    Raises:
+        FactorError: naming the argument that is wrong.
+    """
+    instance("chart", chart, LineChart)
+    keys = [graph_key("pose_key", pose_key), graph_key("line_key", line_key)]
+    log_distance = math.log(positive_number("distance", distance))
+
+    def error(
+        this: gtsam.CustomFactor, values: gtsam.Values, H: list[FloatArray] | None
+    ) -> FloatArray:
+        pose_key, line_key = this.keys()
+        pose, delta = values.atPose3(pose_key), values.atVector(line_key)
+        phi, by_pose, by_line = line_angle(chart, delta, pose)
+        # To the logarithm's range and back: r(phi) and its slope beyond it are those at its end.
+        inside = min(max(phi, _STRAIGHT), 0.5 * math.pi - _STRAIGHT)
+        slope = 2.0 / math.sin(2.0 * inside)
+        if H is not None:
+            H[0] = np.asfortranarray(slope * by_pose[None])
+            H[1] = np.asfortranarray(slope * by_line[None])
+        return np.array([math.log(math.tan(inside)) + log_distance + slope * (phi - inside)])
+
+    factor = gtsam.CustomFactor(noise_model, keys, error)
+    if factor.dim() != 1:
+        raise FactorError(f"noise_model has dimension {factor.dim()}, but this factor has 1 row")
+    return factor
+
+
+def line_angle(
+    chart: LineChart, delta: FloatArray, pose: gtsam.Pose3
+) -> tuple[float, FloatArray, FloatArray]:
+    """phi, and its derivatives by the pose, (6,), and by delta, (4,)."""
+    if active_kernel() == "numpy":
+        return line_angle_in_numpy(chart, delta, pose)
+    anchor = chart.world_T_anchor.matrix()
+    return native.line_angle(anchor, chart.basis, chart.angle, delta, pose.matrix())
+
+
+def line_angle_in_numpy(
+    chart: LineChart, delta: FloatArray, pose: gtsam.Pose3
+) -> tuple[float, FloatArray, FloatArray]:
+    """The reference of `_native.line_angle`."""
+    place, rotation = pose.translation(), pose.rotation().matrix()
+    plucker, by_delta = chart.plucker(delta)
+    direction, across = plucker[3:], hat(place)
+    moment = plucker[:3] - across @ direction
+    moment_by_delta = by_delta[:3] - across @ by_delta[3:]
+    size = max(float(np.linalg.norm(moment)), 1e-12)
+    sine, cosine = math.sin(chart.angle + delta[0]), math.cos(chart.angle + delta[0])
+    # d atan2(sine, size) = (size d sine - sine d size) / (size^2 + sine^2)
+    by_size = -sine / (size**2 + sine**2) * (moment / size)
+    by_line = by_size @ moment_by_delta
+    by_line[0] += size * cosine / (size**2 + sine**2)
+    by_pose = np.concatenate([np.zeros(3), by_size @ hat(direction) @ rotation])
+    return math.atan2(sine, size), by_pose, by_line
