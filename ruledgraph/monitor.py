@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How far estimates may be believed beyond what the window says of them.
 
-Three things the window cannot know: that images and IMU contradict each other, where every factor
+Four things the window cannot know: that images and IMU contradict each other, where every factor
 is as certain as its noise figures say; that it is lost, where the robust loss gives up most lines
-and what is left agrees; and that lines which are all parallel leave the motion along them to the
-IMU, where marginals of factors that were linearised elsewhere say otherwise.
+and what is left agrees; that lines which are all parallel leave the motion along them to the IMU,
+where marginals of factors that were linearised elsewhere say otherwise; and that it moves a body
+which rests.
 """
 
 from dataclasses import replace
@@ -41,6 +42,8 @@ _LOST, _LOST_FOR = 0.5, 1.0
 # Lines are parallel when all but this share of their directions' squares is along one; for so
 # long, s, and no fewer than so many.
 _SPREAD, _PARALLEL_FOR, _FEWEST_LINES = 0.02, 1.0, 2
+# An estimate that moves by so much (m) while the body rests is worth a warning.
+_SLIDE = 0.03
 _G = -STANDARD_GRAVITY[2]
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -66,6 +69,8 @@ class Trust:
         self._along = np.zeros(3)
         self._at_first: tuple[float, float] = (0.0, 0.0)
         self._time = 0.0
+        self._rest: FloatArray | None = None
+        self._slide = np.zeros(3)
         self.disagree = False
         """Whether images and IMU do, or lines and estimate."""
         self.lost = False
@@ -82,19 +87,21 @@ class Trust:
         since = self._parallel_since
         return since is not None and self._time - since >= _PARALLEL_FOR
 
-    def judge(self, window: Window) -> None:
-        """Take in the newest knot, optimised."""
+    def judge(self, window: Window, still: bool) -> None:
+        """Take in the newest knot, optimised, and whether the body has been at rest until then."""
         elapsed, self._time = window.newest.time - self._time, window.newest.time
         excess = max(1.0, self._compare_with_imu(window), self._compare_with_lines(window))
         self._inflate(window.newest, excess, elapsed)
         self._look_at_directions(window)
+        self._watch_rest(window.newest.state.position(), still)
 
     def covariances(
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
     ) -> Covariances:
         """Those of a state as the window gives them, made honest."""
         of_pose, of_velocity, of_bias = (self._excess * c for c in covariances)
-        drift = replace(self._drift, place=self._drift.place + self._open_along())
+        open_place = self._open_along() + np.outer(self._slide, self._slide)
+        drift = replace(self._drift, place=self._drift.place + open_place)
         return drift.added((of_pose, of_velocity, of_bias), pose, velocity)
 
     # -- images, IMU and lines -------------------------------------------------------------------
@@ -175,6 +182,24 @@ class Trust:
         speed, force = self._at_first
         variance = speed * elapsed**2 + 0.25 * force * elapsed**4
         return variance * np.outer(self._along, self._along)
+
+    # -- rest --------------------------------------------------------------------------------------
+
+    def _watch_rest(self, place: FloatArray, still: bool) -> None:
+        """As far as the estimate moves while the body rests, it is wrong, and stays so."""
+        if not still:
+            stays = np.outer(self._slide, self._slide)
+            self._drift = replace(self._drift, place=self._drift.place + stays)
+            self._rest, self._slide = None, np.zeros(3)
+            return
+        if self._rest is None:
+            self._rest = place
+        before, self._slide = self._slide, place - self._rest
+        if np.linalg.norm(before) < _SLIDE <= np.linalg.norm(self._slide):
+            self._warnings.append(
+                f"the estimate has moved by {np.linalg.norm(self._slide):.2f} m at "
+                f"{self._time:.2f} s, and the camera has not: lines may be wrong"
+            )
 
 
 def imu_error(window: Window) -> float | None:

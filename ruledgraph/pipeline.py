@@ -370,7 +370,7 @@ class Odometry(Output):
             self._hand_out(window, interval)
         self._hand_out_lines(window.retired)
         window.retired = []
-        self._trust.judge(window)
+        self._trust.judge(window, self._status == "still")
         self._ahead = None
         self._state = window.newest.state
         if window.time_offset is not None:

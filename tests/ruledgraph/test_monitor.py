@@ -50,7 +50,7 @@ def run(segments=MANY, late: float = 0.0, noise_times: float = 1.0, seed: int = 
             break
         window.extend(stamps[part], times[part], made.imu, made.tracks, False)
         window.optimize()
-        trust.judge(window)
+        trust.judge(window, False)
     return window, trust, warnings
 
 
@@ -103,7 +103,7 @@ def test_lines_that_do_not_fit_are_told(misfits, disagree, lost):
     window, trust, warnings = run()
     for interval in window.intervals:
         interval.judged, interval.misfits = 10, misfits
-    trust.judge(window)
+    trust.judge(window, False)
     assert (trust.disagree, trust.lost) == (disagree, lost)
     assert len(warnings) == disagree
     assert not disagree or "of the lines do not fit the estimate" in warnings[0]
@@ -115,9 +115,29 @@ def test_lines_that_do_not_fit_for_long_are_those_of_a_lost_estimate():
     window, trust, warnings = run()
     for interval in window.intervals:
         interval.judged, interval.misfits = 10, 4
-    trust.judge(window)
+    trust.judge(window, False)
     window.newest.time += 1.0
     window.intervals[-1].knot.time += 1.0
-    trust.judge(window)
+    trust.judge(window, False)
     assert trust.lost
     assert len(warnings) == 1
+
+
+def test_an_estimate_that_moves_while_the_body_rests_is_off_by_that():
+    window, trust, warnings = run()
+    knot = window.newest
+    state, slide = knot.state, np.array([0.03, -0.04, 0.0])
+    trust.judge(window, True)
+    np.testing.assert_array_equal(shown(window, trust), 0.0)
+    knot.state = gtsam.NavState(state.attitude(), state.position() + slide, state.velocity())
+    R = state.attitude().matrix()
+    for _ in range(2):
+        trust.judge(window, True)
+        np.testing.assert_allclose(
+            R @ shown(window, trust) @ R.T, np.outer(slide, slide), atol=1e-12
+        )
+    assert len(warnings) == 1
+    assert "moved by 0.05 m" in warnings[0]
+    # It stays when the rest is over.
+    trust.judge(window, False)
+    np.testing.assert_allclose(R @ shown(window, trust) @ R.T, np.outer(slide, slide), atol=1e-12)
