@@ -100,7 +100,7 @@ class Trust:
     ) -> Covariances:
         """Those of a state as the window gives them, made honest."""
         of_pose, of_velocity, of_bias = (self._excess * c for c in covariances)
-        open_place = self._open_along() + np.outer(self._slide, self._slide)
+        open_place = self._open_along() + self._slid()
         drift = replace(self._drift, place=self._drift.place + open_place)
         return drift.added((of_pose, of_velocity, of_bias), pose, velocity)
 
@@ -183,14 +183,14 @@ class Trust:
         variance = speed * elapsed**2 + 0.25 * force * elapsed**4
         return variance * np.outer(self._along, self._along)
 
-    # -- rest --------------------------------------------------------------------------------------
+    # -- rest ------------------------------------------------------------------------------------
 
     def _watch_rest(self, place: FloatArray, still: bool) -> None:
         """As far as the estimate moves while the body rests, it is wrong, and stays so."""
         if not still:
-            stays = np.outer(self._slide, self._slide)
-            self._drift = replace(self._drift, place=self._drift.place + stays)
-            self._rest, self._slide = None, np.zeros(3)
+            if self._rest is not None:
+                self._drift = replace(self._drift, place=self._drift.place + self._slid())
+                self._rest, self._slide = None, np.zeros(3)
             return
         if self._rest is None:
             self._rest = place
@@ -200,6 +200,10 @@ class Trust:
                 f"the estimate has moved by {np.linalg.norm(self._slide):.2f} m at "
                 f"{self._time:.2f} s, and the camera has not: lines may be wrong"
             )
+
+    def _slid(self) -> FloatArray:
+        """Covariance of the place that says so."""
+        return np.outer(self._slide, self._slide)
 
 
 def imu_error(window: Window) -> float | None:

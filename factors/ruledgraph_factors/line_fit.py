@@ -63,9 +63,11 @@ def fit_line_in_numpy(
 ) -> LineMinimum:
     """The reference of `_native`'s."""
 
-    def cost(delta: FloatArray) -> float:
-        value = evaluate(state._replace(line=delta), False).value
+    def sum_of(value: FloatArray, delta: FloatArray) -> float:
         return information * float(value @ value) + float(prior @ delta**2)
+
+    def cost(delta: FloatArray) -> float:
+        return sum_of(evaluate(state._replace(line=delta), False).value, delta)
 
     def linearize(delta: FloatArray) -> tuple[LineMinimum, FloatArray]:
         """With half the gradient, (4,)."""
@@ -75,8 +77,7 @@ def fit_line_in_numpy(
         hessian = information * (by_line.T @ by_line)
         hessian.flat[::5] += prior
         gradient = information * (by_line.T @ value) + prior * delta
-        cost = information * float(value @ value) + float(prior @ delta**2)
-        return LineMinimum(delta, cost, hessian), gradient
+        return LineMinimum(delta, sum_of(value, delta), hessian), gradient
 
     def descend(start: FloatArray) -> LineMinimum:
         damping = 1e-3

@@ -9,7 +9,13 @@ from gtsam import noiseModel
 from ruledgraph_factors.errors import FactorError
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.so3 import hat
-from ruledgraph_factors.validation import FloatArray, graph_key, instance, pose
+from ruledgraph_factors.validation import (
+    FloatArray,
+    diagonal_noise,
+    graph_key,
+    instance,
+    pose,
+)
 
 
 def new_line_factor(
@@ -44,13 +50,10 @@ def new_line_factor(
         FactorError: naming the argument that is wrong; or the reference line runs through the
             anchor.
     """
-    instance("noise_model", noise_model, noiseModel.Diagonal)
+    diagonal_noise(noise_model, 4)
     instance("chart", chart, LineChart)
     pose("world_T_body", world_T_body)
     keys = graph_key("pose_key", pose_key), graph_key("line_key", line_key)
-    rows = noise_model.sigmas().size  # the pre-release of GTSAM 4.3 has no dim()
-    if rows != 4:
-        raise FactorError(f"noise_model has dimension {rows}, but this factor has 4 rows")
     by_pose = -moved_with(chart, world_T_body)
     linear = gtsam.JacobianFactor(keys[0], by_pose, keys[1], np.eye(4), np.zeros(4), noise_model)
     values = gtsam.Values()

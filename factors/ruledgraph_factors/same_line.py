@@ -7,9 +7,8 @@ import numpy as np
 from gtsam import noiseModel
 from numpy.typing import ArrayLike
 
-from ruledgraph_factors.errors import FactorError
 from ruledgraph_factors.line import LineChart
-from ruledgraph_factors.validation import finite_array, graph_key, instance
+from ruledgraph_factors.validation import diagonal_noise, finite_array, graph_key, instance
 
 
 def same_line_factor(
@@ -45,12 +44,9 @@ def same_line_factor(
     Raises:
         FactorError: naming the argument that is wrong; or the line runs through the new anchor.
     """
-    instance("noise_model", noise_model, noiseModel.Diagonal)
+    diagonal_noise(noise_model, 4)
     instance("chart", chart, LineChart)
     keys = [graph_key("line_key", line_key), graph_key("new_line_key", new_line_key)]
-    rows = noise_model.sigmas().size  # the pre-release of GTSAM 4.3 has no dim()
-    if rows != 4:
-        raise FactorError(f"noise_model has dimension {rows}, but this factor has 4 rows")
     here = finite_array("delta", delta, (4,))
     new_chart, by_delta = chart.reanchor(here, world_T_anchor)
     linear = gtsam.JacobianFactor(keys[0], by_delta, keys[1], -np.eye(4), np.zeros(4), noise_model)

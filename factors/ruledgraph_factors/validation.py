@@ -120,6 +120,14 @@ def _require_rigid(name: str, value: gtsam.Pose3) -> None:
     rotation_matrix(name, matrix[:3, :3])
 
 
+def diagonal_noise(noise_model: gtsam.noiseModel.Diagonal, rows: int) -> None:
+    """Check a factor's noise model."""
+    instance("noise_model", noise_model, gtsam.noiseModel.Diagonal)
+    dimension = noise_model.sigmas().size  # the pre-release of GTSAM 4.3 has no dim()
+    if dimension != rows:
+        raise FactorError(f"noise_model has dimension {dimension}, but this factor has {rows} rows")
+
+
 def graph_key(name: str, value: int) -> int:
     """`value` as a GTSAM key, an integer from 0 to 2**64 - 1."""
     try:

@@ -44,7 +44,7 @@ class LineProblem {
   double cost(const Eigen::Vector4d& delta) {
     state_.line = delta;
     evaluate(geometry_, points_, state_, value_, nullptr);
-    return information_ * value_.squaredNorm() + prior_.dot(delta.cwiseAbs2());
+    return sum_at(delta);
   }
 
   /// Levenberg-Marquardt.
@@ -84,8 +84,12 @@ class LineProblem {
     hessian.diagonal() += prior_;
     const Eigen::Vector4d gradient =
         information_ * (by_line.transpose() * value_) + prior_.cwiseProduct(delta);
-    const double cost = information_ * value_.squaredNorm() + prior_.dot(delta.cwiseAbs2());
-    return {{delta, cost, hessian}, gradient};
+    return {{delta, sum_at(delta), hessian}, gradient};
+  }
+
+  /// Of the residual in `value_`.
+  double sum_at(const Eigen::Vector4d& delta) const {
+    return information_ * value_.squaredNorm() + prior_.dot(delta.cwiseAbs2());
   }
 
   const Geometry& geometry_;
