@@ -61,6 +61,8 @@ class Interval:
     """1 when the knot's own frame is the first: the interval before could not place it."""
     link: OffsetLink | None = None
     """The time offset of its frames, when that is estimated."""
+    still: bool = False
+    """Whether the body rested all the time, and for some time before."""
     observations: list["Observation"] = field(default_factory=list)
     judged: int = 0
     """Lines that were compared with the estimate when the interval was the newest one ..."""

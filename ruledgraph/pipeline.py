@@ -71,6 +71,8 @@ class Odometry(Output):
         self._imu = self._intake.imu
         self._frames: deque[_Seen] = deque()
         self._last_attempt = self._last_detection = self._last_lines = -np.inf
+        # At rest new lines are looked for, and the window is solved, this often, s.
+        self._idle = self.config.window.lag / 2.0
         self._state = gtsam.NavState()
         self._status: Status = "tracking"
         self._last_status: Status = "tracking"
@@ -124,7 +126,7 @@ class Odometry(Output):
             return
         left = [frame for frame in self._frames if frame.time > self.window.newest.time]
         if left and self.window.is_plausible():
-            self._add_knot(left)
+            self._add_knot(left, self._is_still(left[-1].time))
             self._optimize(self.window)
         for interval in self.window.intervals:
             self._hand_out(self.window, interval)
@@ -156,9 +158,7 @@ class Odometry(Output):
             return
         due = self._is_knot_due(seen.time)
         segments = None
-        # At a knot it costs little time: the smoother works meanwhile.
-        wanted = seen.time - self._last_detection >= _DETECT_INTERVAL - _EARLY
-        if wanted and (due or self.window is None):
+        if self._is_detection_due(seen.time, due):
             self._last_detection = seen.time
             segments = self._worker.submit(self._detect, frame.image)
         with self._timed("gradient"):
@@ -172,8 +172,8 @@ class Odometry(Output):
                 at_knot = self._try_start(seen)
         elif due:
             with self._timed("smoother"):
-                self._add_knot([f for f in self._frames if f.time > self.window.newest.time])
-                self._optimize(self.window)
+                newest = self.window.newest.time
+                self._advance(self.window, [f for f in self._frames if f.time > newest])
             at_knot = True
             if self._trial is not None and not self._passes(self._trial, self.window, seen.time):
                 return
@@ -222,6 +222,12 @@ class Odometry(Output):
         if self.window is None:
             return False
         return time - self.window.newest.time >= self.config.window.knot_interval - _EARLY
+
+    def _is_detection_due(self, time: float, at_knot: bool) -> bool:
+        tracking = self.window is not None
+        every = self._idle if tracking and self._status == "still" else _DETECT_INTERVAL
+        # At a knot it costs little time: the smoother works meanwhile.
+        return time - self._last_detection >= every - _EARLY and (at_knot or not tracking)
 
     def _is_blind(self, window: Window, time: float) -> bool:
         """Whether the IMU's prediction crosses a doubt that no line has bridged yet."""
@@ -293,7 +299,7 @@ class Odometry(Output):
             pending.append(frame)
             elapsed = frame.time - self.window.newest.time
             if elapsed >= self.config.window.knot_interval - _EARLY or frame is seen:
-                self._add_knot(pending)
+                self._add_knot(pending, self._is_still(frame.time))
                 pending = []
         if len(used) > 1:
             self._optimize(self.window)
@@ -349,21 +355,35 @@ class Odometry(Output):
         self._ahead = None
 
     def _is_still(self, time: float) -> bool:
-        since = [f for f in self._frames if f.time <= time - _REST + _EARLY]
-        if not since or not self._imu.covers(time - _REST, time):
+        """Whether body and image have rested until now, for some time and since the last knot."""
+        begin = time - _REST
+        if self.window is not None:
+            begin = min(begin, self.window.newest.time)
+        since = [f for f in self._frames if f.time <= begin + _EARLY]
+        if not since or not self._imu.covers(begin, time):
             return False
         motion = self.tracker.image_motion(since[-1].stamp)
-        return is_still(self._imu, time - _REST, time, motion)
+        return is_still(self._imu, begin, time, motion)
 
     # -- knots -----------------------------------------------------------------------------------
 
-    def _add_knot(self, frames: list[_Seen]) -> None:
+    def _advance(self, window: Window, frames: list[_Seen]) -> None:
+        """The next knot, at the last of the frames that follow the newest one."""
+        time = frames[-1].time
+        still = self._is_still(time)
+        if still and self._trial is None and time - window.solved < self._idle:
+            self._add_knot(frames, still, look=False)
+            self._ahead, self._state = None, window.newest.state
+        else:
+            self._add_knot(frames, still)
+            self._optimize(window)
+
+    def _add_knot(self, frames: list[_Seen], still: bool, look: bool = True) -> None:
         assert self.window is not None  # noqa: S101 - a knot needs its window
-        still = self._is_still(frames[-1].time)
         self._status = "still" if still else "tracking"
         stamps, times = [f.stamp for f in frames], [f.time for f in frames]
-        correction = self._intake.correction
-        self.window.extend(stamps, times, self._imu, self.tracker.tracks, still, correction)
+        tracks = self.tracker.tracks if look else []
+        self.window.extend(stamps, times, self._imu, tracks, still, self._intake.correction)
 
     def _optimize(self, window: Window) -> None:
         for interval in window.optimize():

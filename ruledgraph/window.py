@@ -5,6 +5,7 @@
 import math
 from collections import deque
 from collections.abc import Iterable, Sequence
+from itertools import takewhile
 
 import gtsam
 import numpy as np
@@ -48,7 +49,9 @@ _JUMP, _VELOCITY_JUMP = 1.0, 3.0
 _STEP, _VELOCITY_STEP = 0.002, 0.005
 # The velocity (m/s) of a knot that lies so long (s) before the end of a rest. Later ones may have
 # begun to move.
-_STILL_VELOCITY, _MID_REST = 0.005, 0.2
+_STILL_VELOCITY, _MID_REST = 0.005, 0.15
+# How far it may have moved since the first knot of the rest that is still in the window (rad, m).
+_STILL_POSE = (1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3)
 # Beyond these the estimate has run away: m/s, and biases in rad/s and m/s^2.
 _FASTEST, _WORST_GYROSCOPE, _WORST_ACCELEROMETER = 50.0, 0.5, 3.0
 # A line this far (rad) from where its factors are linearised gets a new variable.
@@ -97,6 +100,8 @@ class Window:
         """Lines that left, until someone takes them."""
         self.recoveries: list[str] = []
         """Why the window had to be rebuilt, each time."""
+        self.solved = -math.inf
+        """Time of the newest knot that was optimised, s."""
         self._broken = False
         self._known_lines = dict(start.lines)
         self._lines_so_far = 0
@@ -147,8 +152,8 @@ class Window:
             stamps: of the frames, ns.
             times: of the frames, s, increasing, after the newest knot.
             imu: samples that cover them.
-            tracks: all there are.
-            still: whether the body has been at rest for some time up to the new knot.
+            tracks: of the lines to be taken in, usually all.
+            still: whether the body has rested since the newest knot, and for some time.
             correction: of the calibration's time offset, that `times` were computed with, s.
         """
         knot = self.newest
@@ -167,7 +172,10 @@ class Window:
         preintegrated = gtsam.PreintegratedCombinedMeasurements(params, knot.bias)
         for segment in samples.segments(knot.time, times[-1], at=times, bias=knot.bias):
             preintegrated.integrateMeasurement(*segment)
-        state = preintegrated.predict(knot.state, knot.bias)
+        if still:
+            state = gtsam.NavState(knot.state.pose(), np.zeros(3))
+        else:
+            state = preintegrated.predict(knot.state, knot.bias)
         new = Knot(k + 1, times[-1], state, knot.bias, knot.covariances)
         imu_factor = gtsam.CombinedImuFactor(
             X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1), preintegrated
@@ -177,7 +185,7 @@ class Window:
         # At rest the noise of the gyroscope would feign knowledge of the offset.
         timed = link is not None and not still
         motion = preintegrate_frames(samples, knot.time, times, knot.bias, with_time=timed)
-        interval = Interval(knot, list(stamps), motion, [imu_factor], known, again, link)
+        interval = Interval(knot, list(stamps), motion, [imu_factor], known, again, link, still)
         self.intervals.append(interval)
         self.knots.append(new)
         self._insert(new)
@@ -191,14 +199,22 @@ class Window:
                 self._enter(track)
 
     def _hold_still(self) -> None:
-        """No velocity at the middle of a rest that goes on until the newest knot."""
+        """No velocity in the middle of a rest that goes on until the newest knot, and no motion
+        since its first knot.
+        """
+        rest = list(takewhile(lambda interval: interval.still, reversed(self.intervals)))
         middle = self.newest.time - _MID_REST
-        rested = [interval for interval in self.intervals if interval.knot.time <= middle]
-        if rested:
-            velocity = V(rested[-1].knot.index)
-            no_motion = noiseModel.Isotropic.Sigma(3, _STILL_VELOCITY)
-            factor = gtsam.PriorFactorVector(velocity, np.zeros(3), no_motion)
-            rested[-1].imu_factors.append(factor)
+        interval = next((i for i in rest if i.knot.time <= middle), None)
+        if interval is None:
+            return
+        first, k = rest[-1].knot.index, interval.knot.index
+        slow = noiseModel.Isotropic.Sigma(3, _STILL_VELOCITY)
+        held: list[gtsam.NonlinearFactor] = [gtsam.PriorFactorVector(V(k), np.zeros(3), slow)]
+        if k > first:
+            near = noiseModel.Diagonal.Sigmas(np.array(_STILL_POSE))
+            held.append(gtsam.BetweenFactorPose3(X(first), X(k), gtsam.Pose3(), near))
+        for factor in held:
+            interval.imu_factors.append(factor)
             self._new_factors.add(factor)
 
     def _new_link(self, knot: Knot, correction: float) -> OffsetLink | None:
@@ -342,6 +358,7 @@ class Window:
                 trouble = f"at {self.newest.time:.2f} s: {self._smoother.trouble}"
                 self.recoveries.append(f"{trouble}; solved by careful steps")
         self._clear_news()
+        self.solved = self.newest.time
         self._read_covariances()
         self._judge()
         return gone
@@ -461,7 +478,9 @@ class Window:
         used: dict[int, GraphLine] = {}
         for interval in self.intervals:
             for factor in interval.imu_factors:
-                factors.add(factor)
+                # A rest's first knot may have left.
+                if all(values.exists(key) for key in factor.keys()):  # noqa: SIM118
+                    factors.add(factor)
             for seen in interval.observations:
                 line = seen.line
                 # Factors on the key a line had before it was re-anchored stay out.

@@ -63,6 +63,39 @@ def test_the_trajectory_of_a_simulated_recording(moving):
         assert np.all(np.linalg.eigvalsh(line.covariance) > -1e-9)
 
 
+def test_a_long_rest_costs_little_and_moves_nothing(monkeypatch):
+    """The first frame again and again, with other noise, and an IMU that rests."""
+    stream, calibration = small_stream()
+    image, rng = frames(stream)[0].image, np.random.default_rng(0)
+    noise, gravity = np.repeat([1e-3, 0.02], 3), np.array([0.0, 0.0, 9.81])
+    resting = []
+    for step in range(1200):  # 6 s
+        stamp, drawn = step * 5_000_000, noise * rng.normal(size=6)
+        resting.append(ImuSample(stamp, drawn[:3], drawn[3:] + gravity))
+        if step % 6 == 1:
+            grey = image + rng.normal(scale=1.5, size=image.shape)
+            resting.append(Frame(stamp, grey.clip(0, 255).astype(np.uint8)))
+    solved, optimize = [], Window.optimize
+
+    def counted(window):
+        solved.append(window.newest.time)
+        return optimize(window)
+
+    monkeypatch.setattr(Window, "optimize", counted)
+    odometry, live, smoothed = run(resting, calibration)
+    knots = [e for e in live if e.at_knot]
+    assert len(knots) > 25
+    # One knot in four is solved for, and the one at the end.
+    assert np.diff(solved)[:-1] == pytest.approx(0.8, abs=0.05)
+    assert len(solved) <= 8
+    assert {e.status for e in knots[1:]} == {"still"}
+    assert live[-1].lines >= 4  # few are longer than 40 px
+    for estimates in (live, smoothed):
+        places = np.array([e.world_T_body.translation() for e in estimates])
+        assert np.linalg.norm(places - places[0], axis=1).max() < 0.002
+    assert list(odometry.warnings) == []
+
+
 def test_the_same_input_gives_the_same_output():
     stream, calibration = small_stream()
     stream = stream[: len(stream) // 2]

@@ -178,16 +178,51 @@ def test_a_robust_loss_carries_a_line_that_slips():
     assert errors["1"] < errors["0"]
 
 
-def test_still_knots_have_no_velocity():
-    made = ideal_tracks(0, hand_held(np.random.default_rng(0), reach=0.0, turn=0.0))
+def rested(steps: int) -> Window:
+    """Knots of nine frames at rest, without lines."""
+    times = np.linspace(0.0, 5.0, 11)
+    motion = SplineMotion(times, np.zeros((11, 3)), np.tile([0.1, -0.2, 0.3], (11, 1)))
+    made = ideal_tracks(0, motion, duration=4.5)
     window = Window(CALIBRATION, Config(), known_start(made))
-    for i in range(1, 40, 9):
+    for i in range(1, 9 * steps, 9):
         times = made.times[i : i + 9].tolist()
         window.extend(made.stamps[i : i + 9], times, made.imu, [], still=True)
         window.optimize()
+    return window
+
+
+def test_still_knots_have_no_velocity():
+    window = rested(4)
     # Rest is known of the middle of the time that it was seen; after it the IMU drifts.
     assert np.linalg.norm(window.knots[-3].state.velocity()) < 0.005
     assert np.linalg.norm(window.newest.state.velocity()) < 0.02
+
+
+def test_a_body_at_rest_stays_where_it_is():
+    window = rested(14)
+    begin, first, middle = window.first_stamp, window.knots[0], window.knots[-2]
+    assert begin == 0
+    assert first.time > 2.0
+    assert error_of(middle.state.pose(), first.state.pose()) < 0.001
+    # A millimetre from the first knot of the rest in the window, which moves on every 1.5 s.
+    deviations = np.sqrt(np.diag(middle.covariances[0])[3:])
+    assert np.all(deviations < 0.003)
+
+
+def test_a_window_is_rebuilt_in_the_middle_of_a_rest(monkeypatch):
+    """The place is held by a factor on the rest's first knot, which may have left."""
+    update, calls = FixedLagSmoother.update, []
+
+    def fails_once(self, *args):
+        calls.append(1)
+        if len(calls) == 11:
+            raise SmootherError("Indeterminate linear system detected")
+        return update(self, *args)
+
+    monkeypatch.setattr(FixedLagSmoother, "update", fails_once)
+    window = rested(14)
+    assert len(window.recoveries) == 1
+    assert window.is_plausible()
 
 
 @pytest.mark.parametrize("seed", range(5))
