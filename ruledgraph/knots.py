@@ -3,7 +3,9 @@
 """What a window is made of: knots, the intervals between them, and their priors."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 from typing import NamedTuple
 
 import gtsam
@@ -32,6 +34,10 @@ _NEW_PLANE = 0.05
 # How far away a line is, m, and by what factor that may be wrong.
 _DISTANCE, _DISTANCE_FACTOR = 3.0, 4.0
 _GRAVITY = np.array(STANDARD_GRAVITY)
+# The velocity (m/s) of a knot that lies so long (s) before the end of a rest: later ones may have
+# begun to move. How far it may be from the first knot of the rest (rad, m).
+_STILL_VELOCITY, _MID_REST = 0.005, 0.15
+_STILL_POSE = (1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3)
 
 
 @dataclass(eq=False)
@@ -180,3 +186,21 @@ def of_new_line(knot: Knot, seen: Observation) -> tuple[gtsam.NonlinearFactor, .
         line_distance_factor(factor, pose_key, line.key, line.chart, _DISTANCE),
         RuledSurfaceFactor(replace(spec, noise_model=loose)),
     )
+
+
+def rest_factors(intervals: Sequence[Interval], now: float) -> list[gtsam.NonlinearFactor]:
+    """What a rest says that goes on until the newest knot, at time `now`, of the knot in its
+    middle: no velocity, and no motion since its first knot. The knot's interval keeps them.
+    """
+    rest = list(takewhile(lambda interval: interval.still, reversed(intervals)))
+    middle = next((part for part in rest if part.knot.time <= now - _MID_REST), None)
+    if middle is None:
+        return []
+    first, k = rest[-1].knot.index, middle.knot.index
+    slow = noiseModel.Isotropic.Sigma(3, _STILL_VELOCITY)
+    factors: list[gtsam.NonlinearFactor] = [gtsam.PriorFactorVector(V(k), np.zeros(3), slow)]
+    if k > first:
+        near = noiseModel.Diagonal.Sigmas(np.array(_STILL_POSE))
+        factors.append(gtsam.BetweenFactorPose3(X(first), X(k), gtsam.Pose3(), near))
+    middle.imu_factors += factors
+    return factors

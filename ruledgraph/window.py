@@ -5,7 +5,6 @@
 import math
 from collections import deque
 from collections.abc import Iterable, Sequence
-from itertools import takewhile
 
 import gtsam
 import numpy as np
@@ -22,8 +21,10 @@ from ruledgraph.knots import (
     add_priors,
     insert_state,
     of_new_line,
+    rest_factors,
 )
 from ruledgraph.lines import GraphLine, note_reach
+from ruledgraph.rebuild import known_of
 from ruledgraph.sensors import Calibration
 from ruledgraph.smoother import FixedLagSmoother, SmootherError
 from ruledgraph.time_offset import OffsetLink
@@ -47,11 +48,6 @@ _NEAREST_INVERSE = 20.0
 # this, it may have moved beyond where its factors are linear.
 _JUMP, _VELOCITY_JUMP = 1.0, 3.0
 _STEP, _VELOCITY_STEP = 0.002, 0.005
-# The velocity (m/s) of a knot that lies so long (s) before the end of a rest. Later ones may have
-# begun to move.
-_STILL_VELOCITY, _MID_REST = 0.005, 0.15
-# How far it may have moved since the first knot of the rest that is still in the window (rad, m).
-_STILL_POSE = (1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3)
 # Beyond these the estimate has run away: m/s, and biases in rad/s and m/s^2.
 _FASTEST, _WORST_GYROSCOPE, _WORST_ACCELEROMETER = 50.0, 0.5, 3.0
 # A line this far (rad) from where its factors are linearised gets a new variable.
@@ -60,8 +56,6 @@ _MOVED = 0.1
 _NEW_LINE = np.diag([0.1, 0.1, 2.5e-4, 2.5e-4])
 # Lines whose covariance is computed anew at a knot; each takes as long as ten factors.
 _COVARIANCES = 4
-# Where a window is rebuilt its first state is trusted this much less than it said.
-_REBUILD_INFLATION = 2.0
 
 
 class Window:
@@ -189,33 +183,14 @@ class Window:
         self.intervals.append(interval)
         self.knots.append(new)
         self._insert(new)
-        if still:
-            self._hold_still()
+        for factor in rest_factors(self.intervals, new.time):
+            self._new_factors.add(factor)
         for track in tracks:
             line = self.lines.get(track.number)
             if line is not None:
                 self._observe(interval, line)
             elif self._is_ripe(track, new.time):
                 self._enter(track)
-
-    def _hold_still(self) -> None:
-        """No velocity in the middle of a rest that goes on until the newest knot, and no motion
-        since its first knot.
-        """
-        rest = list(takewhile(lambda interval: interval.still, reversed(self.intervals)))
-        middle = self.newest.time - _MID_REST
-        interval = next((i for i in rest if i.knot.time <= middle), None)
-        if interval is None:
-            return
-        first, k = rest[-1].knot.index, interval.knot.index
-        slow = noiseModel.Isotropic.Sigma(3, _STILL_VELOCITY)
-        held: list[gtsam.NonlinearFactor] = [gtsam.PriorFactorVector(V(k), np.zeros(3), slow)]
-        if k > first:
-            near = noiseModel.Diagonal.Sigmas(np.array(_STILL_POSE))
-            held.append(gtsam.BetweenFactorPose3(X(first), X(k), gtsam.Pose3(), near))
-        for factor in held:
-            interval.imu_factors.append(factor)
-            self._new_factors.add(factor)
 
     def _new_link(self, knot: Knot, correction: float) -> OffsetLink | None:
         """The time offset of the frames after a knot, tied to that of the interval before."""
@@ -455,43 +430,13 @@ class Window:
                 self.lines.clear()
             try:
                 self._smoother = self._fresh_smoother(careful=True)
-                self._read(self._smoother.update(*self._everything(), self._check))
+                walk = self._config.time_offset.walk
+                factors, values, times = known_of(
+                    self.knots, self.intervals, self.lines.values(), walk
+                )
+                self._read(self._smoother.update(factors, values, times, self._check))
+                self.lines = {n: line for n, line in self.lines.items() if line.key in times}
                 return
             except SmootherError:
                 continue
         self._broken = True
-
-    def _everything(self) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[int, float]]:
-        factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        times: dict[int, float] = {}
-        add_priors(factors, self.knots[0], _REBUILD_INFLATION)
-        for knot in self.knots:
-            insert_state(values, knot)
-            times |= {key(knot.index): knot.time for key in (X, V, B)}
-        links = [interval.link for interval in self.intervals if interval.link is not None]
-        for i, link in enumerate(links):
-            tie = link.tie(links[i - 1], self._config.time_offset.walk) if i else None
-            factors.add(tie or link.prior(_REBUILD_INFLATION))
-            values.insert(link.key, link.shift)
-            times[link.key] = link.time
-        current = {id(line) for line in self.lines.values()}
-        used: dict[int, GraphLine] = {}
-        for interval in self.intervals:
-            for factor in interval.imu_factors:
-                # A rest's first knot may have left.
-                if all(values.exists(key) for key in factor.keys()):  # noqa: SIM118
-                    factors.add(factor)
-            for seen in interval.observations:
-                line = seen.line
-                # Factors on the key a line had before it was re-anchored stay out.
-                if id(line) in current and line.key == seen.factor.spec.keys[-1]:
-                    factors.add(seen.factor)
-                    if line.key not in used:
-                        for factor in of_new_line(interval.knot, seen):
-                            factors.add(factor)
-                    used[line.key] = line
-        for key, line in used.items():
-            values.insert(key, line.delta)
-            times[key] = line.last_time
-        self.lines = {n: line for n, line in self.lines.items() if line.key in used}
-        return factors, values, times
