@@ -37,7 +37,7 @@ _GRAVITY = np.array(STANDARD_GRAVITY)
 # The velocity (m/s) of a knot that lies so long (s) before the end of a rest: later ones may have
 # begun to move. How far it may be from the first knot of the rest (rad, m).
 _STILL_VELOCITY, _MID_REST = 0.005, 0.15
-_STILL_POSE = (1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3)
+_STILL_POSE = (3e-3, 3e-3, 3e-3, 3e-3, 3e-3, 3e-3)
 
 
 @dataclass(eq=False)
@@ -188,11 +188,16 @@ def of_new_line(knot: Knot, seen: Observation) -> tuple[gtsam.NonlinearFactor, .
     )
 
 
+def resting(intervals: Sequence[Interval]) -> list[Interval]:
+    """Those of the rest that goes on until the newest knot, newest first."""
+    return list(takewhile(lambda interval: interval.still, reversed(intervals)))
+
+
 def rest_factors(intervals: Sequence[Interval], now: float) -> list[gtsam.NonlinearFactor]:
     """What a rest says that goes on until the newest knot, at time `now`, of the knot in its
     middle: no velocity, and no motion since its first knot. The knot's interval keeps them.
     """
-    rest = list(takewhile(lambda interval: interval.still, reversed(intervals)))
+    rest = resting(intervals)
     middle = next((part for part in rest if part.knot.time <= now - _MID_REST), None)
     if middle is None:
         return []

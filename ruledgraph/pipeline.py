@@ -31,6 +31,8 @@ from ruledgraph.window import Window
 _REST, _BETWEEN_ATTEMPTS = 0.4, 0.25
 # Frames and knots at these intervals (s) are on time when they come this much early.
 _EARLY = 0.004
+# At rest the window is solved this often (s), while the image has not moved since by more, px.
+_IDLE, _UNMOVED = 0.8, 0.2
 # New lines are looked for this often at most, s.
 _DETECT_INTERVAL = 0.1
 # With fewer lines of the graph in view for so long (s), the IMU alone carries the estimate.
@@ -72,7 +74,7 @@ class Odometry(Output):
         self._frames: deque[_Seen] = deque()
         self._last_attempt = self._last_detection = self._last_lines = -np.inf
         # At rest new lines are looked for, and the window is solved, this often, s.
-        self._idle = self.config.window.lag / 2.0
+        self._idle = min(self.config.window.lag / 2.0, _IDLE)
         self._state = gtsam.NavState()
         self._status: Status = "tracking"
         self._last_status: Status = "tracking"
@@ -125,9 +127,11 @@ class Odometry(Output):
         if self.window is None:
             return
         left = [frame for frame in self._frames if frame.time > self.window.newest.time]
-        if left and self.window.is_plausible():
-            self._add_knot(left, self._is_still(left[-1].time))
-            self._optimize(self.window)
+        if self.window.is_plausible():
+            if left:
+                self._add_knot(left, self._is_still(left[-1].time))
+            if self.window.intervals and self.window.newest.time > self.window.solved:
+                self._optimize(self.window)
         for interval in self.window.intervals:
             self._hand_out(self.window, interval)
         self._hand_out_lines([*self.window.retired, *self.window.lines.values()])
@@ -156,6 +160,7 @@ class Odometry(Output):
                     f"a frame at {seen.time:.2f} s came after a later one: such are not used",
                 )
             return
+        self._look_for_gap(seen.time)
         due = self._is_knot_due(seen.time)
         segments = None
         if self._is_detection_due(seen.time, due):
@@ -348,6 +353,17 @@ class Odometry(Output):
         self._end_segment()
         self._intake.begin_anew(gap.stop)
 
+    def _look_for_gap(self, time: float) -> None:
+        """Without a frame for so long that nothing of the window is left: end the segment."""
+        if self.window is None or time - self.window.newest.time < self.config.window.lag:
+            return
+        since = self._frames[-1].time
+        self.warnings.append(
+            f"no frame for {time - since:.2f} s from {since:.2f} s: a new segment begins where the "
+            "last one ended"
+        )
+        self._end_segment()
+
     def _end_segment(self) -> None:
         self.finish()
         self._frames.clear()
@@ -358,12 +374,16 @@ class Odometry(Output):
         """Whether body and image have rested until now, for some time and since the last knot."""
         begin = time - _REST
         if self.window is not None:
-            begin = min(begin, self.window.newest.time)
-        since = [f for f in self._frames if f.time <= begin + _EARLY]
-        if not since or not self._imu.covers(begin, time):
+            # Since the rest began, as far as it is known: slow motion shows only then.
+            begin = min(begin, max(self.window.rests_since, self._frames[0].time))
+        if not self._imu.covers(begin, time):
             return False
-        motion = self.tracker.image_motion(since[-1].stamp)
-        return is_still(self._imu, begin, time, motion)
+        return is_still(self._imu, begin, time, self._image_motion(begin))
+
+    def _image_motion(self, since: float) -> float:
+        """How far the image moved since a time, px; inf where that is not known."""
+        before = [f for f in self._frames if f.time <= since + _EARLY]
+        return self.tracker.image_motion(before[-1].stamp) if before else np.inf
 
     # -- knots -----------------------------------------------------------------------------------
 
@@ -371,7 +391,8 @@ class Odometry(Output):
         """The next knot, at the last of the frames that follow the newest one."""
         time = frames[-1].time
         still = self._is_still(time)
-        if still and self._trial is None and time - window.solved < self._idle:
+        idle = still and self._trial is None and time - window.solved < self._idle - _EARLY
+        if idle and self._image_motion(window.solved) < _UNMOVED:
             self._add_knot(frames, still, look=False)
             self._ahead, self._state = None, window.newest.state
         else:

@@ -81,8 +81,12 @@ class FixedLagSmoother:
         """
         # Copies: what GTSAM hands out changes with the smoother, also in an update that fails.
         factors_before = gtsam.NonlinearFactorGraph(self._smoother.getFactors())
-        known = factors_before, gtsam.Values(self.linearization_point())
-        self._times = {key: self._times[key] for key in known[1].keys()} | dict(times)  # noqa: SIM118
+        values_before = gtsam.Values(self.linearization_point())
+        # Of the last update, too: with the new ones a smoother that takes over would at once drop
+        # what new factors hang on.
+        times_before = {key: self._times[key] for key in values_before.keys()}  # noqa: SIM118
+        known = factors_before, values_before, times_before
+        self._times = times_before | dict(times)
         was_careful = self.careful
         self._careful_for = max(0, self._careful_for - 1)
         if not self.careful:
@@ -123,7 +127,11 @@ class FixedLagSmoother:
             raise SmootherError(" ".join(str(error).split())[:300]) from None
 
     def _take_over(
-        self, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, careful: bool
+        self,
+        factors: gtsam.NonlinearFactorGraph,
+        values: gtsam.Values,
+        times: Mapping[int, float],
+        careful: bool,
     ) -> None:
         """Begin anew with the factors and variables of another smoother."""
         kept = gtsam.NonlinearFactorGraph()
@@ -135,7 +143,7 @@ class FixedLagSmoother:
             if factor is not None:
                 kept.push_back(factor)
         self._begin(careful)
-        self._call(kept, values, {key: self._times[key] for key in values.keys()})  # noqa: SIM118
+        self._call(kept, values, times)
 
     def linearization_point(self) -> gtsam.Values:
         """Where each variable's factors are linearised."""

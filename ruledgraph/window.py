@@ -22,6 +22,7 @@ from ruledgraph.knots import (
     insert_state,
     of_new_line,
     rest_factors,
+    resting,
 )
 from ruledgraph.lines import GraphLine, note_reach
 from ruledgraph.rebuild import known_of
@@ -119,6 +120,12 @@ class Window:
     def newest(self) -> Knot:
         """The latest knot."""
         return self.knots[-1]
+
+    @property
+    def rests_since(self) -> float:
+        """Time of the first knot of the rest that goes on, or of the newest knot, s."""
+        rest = resting(self.intervals)
+        return rest[-1].knot.time if rest else self.newest.time
 
     def is_plausible(self) -> bool:
         """Whether the newest state can be one of a carried or flown camera and its IMU."""

@@ -13,10 +13,6 @@ from ruledgraph.sensors import FloatArray
 
 Detector = Callable[[NDArray[np.uint8]], FloatArray]
 
-# Segments are looked for in a smaller image, which takes half the time and finds as many that are
-# long enough; this wide, px, and between these shares of the size. OpenCV's own choice is 0.8.
-_WIDTH, _LEAST_SCALE, _MOST_SCALE = 320.0, 0.5, 0.8
-
 # The paper's Hough transform: rho 5 px, theta 1 degree, threshold 100, minimum length 100 px,
 # largest gap 5 px; the strongest line's points are removed and the transform repeated.
 _HOUGH_ROUNDS = 20
@@ -25,9 +21,8 @@ _HOUGH_REMOVE = 5
 
 def detect_lsd(image: NDArray[np.uint8]) -> FloatArray:
     """Segments by OpenCV's line segment detector (von Gioi et al. 2010), ends in px, (N, 2, 2)."""
-    scale = min(max(_WIDTH / image.shape[1], _LEAST_SCALE), _MOST_SCALE)
     # Unrefined: what is not straight fails the search for its edge points, which costs less.
-    found = cv2.createLineSegmentDetector(cv2.LSD_REFINE_NONE, scale).detect(image)[0]
+    found = cv2.createLineSegmentDetector(cv2.LSD_REFINE_NONE).detect(image)[0]
     return np.zeros((0, 2, 2)) if found is None else np.asarray(found, float).reshape(-1, 2, 2)
 
 

@@ -123,6 +123,22 @@ def test_lines_that_do_not_fit_for_long_are_those_of_a_lost_estimate():
     assert len(warnings) == 1
 
 
+def test_nobody_looks_at_rest_so_nothing_is_lost_then():
+    window, trust, _ = run()
+    for interval in window.intervals:
+        interval.judged, interval.misfits = 10, 4
+    trust.judge(window, False)
+    window.newest.time += 1.0
+    for interval in window.intervals:
+        interval.judged, interval.misfits, interval.still = 0, 0, True
+    trust.judge(window, True)
+    assert not trust.lost
+    # One look, at lines that fit: the share is of those.
+    interval.judged = 10
+    trust.judge(window, True)
+    assert not trust.misfits
+
+
 def test_an_estimate_that_moves_while_the_body_rests_is_off_by_that():
     window, trust, warnings = run()
     knot = window.newest
