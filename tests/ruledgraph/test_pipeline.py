@@ -11,7 +11,7 @@ from ruledgraph.config import load_config
 from ruledgraph.errors import RuledgraphError
 from ruledgraph.estimates import Estimate
 from ruledgraph.evaluation import alignment
-from ruledgraph.measurements import Frame, Gap, ImuSample
+from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
 from ruledgraph.pipeline import Odometry
 from ruledgraph.segments import Trial, heading
 from ruledgraph.window import Window
@@ -63,18 +63,23 @@ def test_the_trajectory_of_a_simulated_recording(moving):
         assert np.all(np.linalg.eigvalsh(line.covariance) > -1e-9)
 
 
-def test_a_long_rest_costs_little_and_moves_nothing(monkeypatch):
+def resting_stream(seconds: float) -> list[Measurement]:
     """The first frame again and again, with other noise, and an IMU that rests."""
-    stream, calibration = small_stream()
+    stream, _ = small_stream()
     image, rng = frames(stream)[0].image, np.random.default_rng(0)
     noise, gravity = np.repeat([1e-3, 0.02], 3), np.array([0.0, 0.0, 9.81])
-    resting = []
-    for step in range(1200):  # 6 s
+    resting: list[Measurement] = []
+    for step in range(int(200 * seconds)):
         stamp, drawn = step * 5_000_000, noise * rng.normal(size=6)
         resting.append(ImuSample(stamp, drawn[:3], drawn[3:] + gravity))
         if step % 6 == 1:
             grey = image + rng.normal(scale=1.5, size=image.shape)
             resting.append(Frame(stamp, grey.clip(0, 255).astype(np.uint8)))
+    return resting
+
+
+def times_solved(monkeypatch) -> list[float]:
+    """Of the newest knot whenever a window is solved, from now on."""
     solved, optimize = [], Window.optimize
 
     def counted(window):
@@ -82,7 +87,12 @@ def test_a_long_rest_costs_little_and_moves_nothing(monkeypatch):
         return optimize(window)
 
     monkeypatch.setattr(Window, "optimize", counted)
-    odometry, live, smoothed = run(resting, calibration)
+    return solved
+
+
+def test_a_long_rest_costs_little_and_moves_nothing(monkeypatch):
+    solved = times_solved(monkeypatch)
+    odometry, live, smoothed = run(resting_stream(6.0), small_stream()[1])
     knots = [e for e in live if e.at_knot]
     assert len(knots) > 25
     # One knot in four is solved for, and the one at the end.
@@ -94,6 +104,19 @@ def test_a_long_rest_costs_little_and_moves_nothing(monkeypatch):
         places = np.array([e.world_T_body.translation() for e in estimates])
         assert np.linalg.norm(places - places[0], axis=1).max() < 0.002
     assert list(odometry.warnings) == []
+
+
+def test_a_recording_that_ends_at_an_unsolved_knot_is_solved_to_its_end(monkeypatch):
+    solved, odometry = times_solved(monkeypatch), Odometry(small_stream()[1])
+    for measurement in resting_stream(3.0):
+        odometry.add(measurement)
+        live = odometry.take_live()
+        if solved and live and live[-1].at_knot and odometry.window.newest.time > solved[-1]:
+            break
+    end = odometry.window.newest.time
+    assert odometry.window.solved < end
+    odometry.finish()
+    assert solved[-1] == end
 
 
 def test_the_same_input_gives_the_same_output():
