@@ -37,7 +37,7 @@ _GRAVITY = np.array(STANDARD_GRAVITY)
 # The velocity (m/s) of a knot that lies so long (s) before the end of a rest: later ones may have
 # begun to move. How far it may be from the first knot of the rest (rad, m).
 _STILL_VELOCITY, _MID_REST = 0.005, 0.15
-_STILL_POSE = (3e-3, 3e-3, 3e-3, 3e-3, 3e-3, 3e-3)
+_STILL_POSE = 3e-3
 
 
 @dataclass(eq=False)
@@ -205,7 +205,7 @@ def rest_factors(intervals: Sequence[Interval], now: float) -> list[gtsam.Nonlin
     slow = noiseModel.Isotropic.Sigma(3, _STILL_VELOCITY)
     factors: list[gtsam.NonlinearFactor] = [gtsam.PriorFactorVector(V(k), np.zeros(3), slow)]
     if k > first:
-        near = noiseModel.Diagonal.Sigmas(np.array(_STILL_POSE))
+        near = noiseModel.Isotropic.Sigma(6, _STILL_POSE)
         factors.append(gtsam.BetweenFactorPose3(X(first), X(k), gtsam.Pose3(), near))
     middle.imu_factors += factors
     return factors

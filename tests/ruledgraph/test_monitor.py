@@ -96,14 +96,20 @@ def test_parallel_lines_leave_the_motion_along_them_open():
     assert abs(vectors[:, -1] @ along) > 0.98
 
 
-@pytest.mark.parametrize(
-    ("misfits", "disagree", "lost"), [(1, False, False), (4, True, False), (6, True, True)]
-)
-def test_lines_that_do_not_fit_are_told(misfits, disagree, lost):
+def judged(misfits: int):
+    """A window that has been judged: so many of ten lines miss in each of its intervals."""
     window, trust, warnings = run()
     for interval in window.intervals:
         interval.judged, interval.misfits = 10, misfits
     trust.judge(window, False)
+    return window, trust, warnings
+
+
+@pytest.mark.parametrize(
+    ("misfits", "disagree", "lost"), [(1, False, False), (4, True, False), (6, True, True)]
+)
+def test_lines_that_do_not_fit_are_told(misfits, disagree, lost):
+    window, trust, warnings = judged(misfits)
     assert (trust.disagree, trust.lost) == (disagree, lost)
     assert len(warnings) == disagree
     assert not disagree or "of the lines do not fit the estimate" in warnings[0]
@@ -112,10 +118,7 @@ def test_lines_that_do_not_fit_are_told(misfits, disagree, lost):
 
 
 def test_lines_that_do_not_fit_for_long_are_those_of_a_lost_estimate():
-    window, trust, warnings = run()
-    for interval in window.intervals:
-        interval.judged, interval.misfits = 10, 4
-    trust.judge(window, False)
+    window, trust, warnings = judged(misfits=4)
     window.newest.time += 1.0
     window.intervals[-1].knot.time += 1.0
     trust.judge(window, False)
@@ -124,17 +127,14 @@ def test_lines_that_do_not_fit_for_long_are_those_of_a_lost_estimate():
 
 
 def test_nobody_looks_at_rest_so_nothing_is_lost_then():
-    window, trust, _ = run()
-    for interval in window.intervals:
-        interval.judged, interval.misfits = 10, 4
-    trust.judge(window, False)
+    window, trust, _ = judged(misfits=4)
     window.newest.time += 1.0
     for interval in window.intervals:
         interval.judged, interval.misfits, interval.still = 0, 0, True
     trust.judge(window, True)
     assert not trust.lost
-    # One look, at lines that fit: the share is of those.
-    interval.judged = 10
+    # Two looks far from each other, at lines that fit: the share is of those.
+    window.intervals[0].judged = window.intervals[-1].judged = 5
     trust.judge(window, True)
     assert not trust.misfits
 

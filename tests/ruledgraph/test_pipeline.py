@@ -3,6 +3,7 @@
 
 import itertools
 
+import cv2
 import numpy as np
 import pytest
 
@@ -63,8 +64,10 @@ def test_the_trajectory_of_a_simulated_recording(moving):
         assert np.all(np.linalg.eigvalsh(line.covariance) > -1e-9)
 
 
-def resting_stream(seconds: float) -> list[Measurement]:
-    """The first frame again and again, with other noise, and an IMU that rests."""
+def resting_stream(seconds: float, drift: float = 0.0) -> list[Measurement]:
+    """The first frame again and again, with other noise, and an IMU that rests; the image drifts
+    right and down by so many px/s.
+    """
     stream, _ = small_stream()
     image, rng = frames(stream)[0].image, np.random.default_rng(0)
     noise, gravity = np.repeat([1e-3, 0.02], 3), np.array([0.0, 0.0, 9.81])
@@ -73,7 +76,10 @@ def resting_stream(seconds: float) -> list[Measurement]:
         stamp, drawn = step * 5_000_000, noise * rng.normal(size=6)
         resting.append(ImuSample(stamp, drawn[:3], drawn[3:] + gravity))
         if step % 6 == 1:
-            grey = image + rng.normal(scale=1.5, size=image.shape)
+            by = drift * stamp * 1e-9
+            shift = np.array([[1.0, 0.0, by], [0.0, 1.0, by]])
+            moved = cv2.warpAffine(image, shift, image.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
+            grey = moved + rng.normal(scale=1.5, size=image.shape)
             resting.append(Frame(stamp, grey.clip(0, 255).astype(np.uint8)))
     return resting
 
@@ -104,6 +110,16 @@ def test_a_long_rest_costs_little_and_moves_nothing(monkeypatch):
         places = np.array([e.world_T_body.translation() for e in estimates])
         assert np.linalg.norm(places - places[0], axis=1).max() < 0.002
     assert list(odometry.warnings) == []
+
+
+def test_slow_motion_that_looks_like_rest_is_solved_as_often_as_it_moves(monkeypatch):
+    """In 0.4 s the image moves by half of what rest allows; that alone would be rest for ever."""
+    solved = times_solved(monkeypatch)
+    odometry, live, _ = run(resting_stream(6.0, drift=0.5), small_stream()[1])
+    assert odometry.warnings == []
+    moving = [e for e in live if e.at_knot and e.status == "tracking"]
+    assert len(moving) >= 3
+    assert np.median(np.diff(solved)) < 0.5
 
 
 def test_a_recording_that_ends_at_an_unsolved_knot_is_solved_to_its_end(monkeypatch):
