@@ -37,12 +37,22 @@ def by_rotation(
 
     `focal` is the focal length, px.
     """
-    rays = _rays(np.array([track.ends for track in tracks]).reshape(-1, 2, 2)) @ cam_R_before.T
-    ends = rays[..., :2] / rays[..., 2:]
+    ends = np.array([track.ends for track in tracks]).reshape(-1, 2, 2)
     moved = np.array([track.rates for track in tracks]).reshape(-1, 2) * elapsed / focal
-    ends = ends + moved[..., None] * normal_of(ends)[:, None]
+    turn = kernel.native.turn_all if kernel.is_native() else turn_in_numpy
+    ends = turn(ends, cam_R_before, moved).reshape(-1, 2, 2)
     sigmas = np.array([(track.sigma, track.sigma) for track in tracks]).reshape(-1, 2)
     return Rulings(ends, sigmas, np.array([track.slope for track in tracks]))
+
+
+def turn_in_numpy(ends: FloatArray, cam_R_before: FloatArray, moved: FloatArray) -> FloatArray:
+    """Segments (N, 2, 2) after a turn of the camera, moved on across themselves by (N, 2).
+
+    The reference of `_native_search.turn_all`.
+    """
+    rays = _rays(ends) @ cam_R_before.T
+    ends = rays[..., :2] / rays[..., 2:]
+    return np.asarray(ends + moved[..., None] * normal_of(ends)[:, None])
 
 
 def by_estimate(

@@ -10,12 +10,13 @@ from the estimate.
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ruledgraph.config import EdgesConfig
-from ruledgraph.edges.batch import Edges, Rulings, search_all, stacked
+from ruledgraph.edges.batch import Edges, Rulings, clipped, search_all, stacked
 from ruledgraph.edges.gradient import Gradient
 from ruledgraph.edges.search import normal_of
 from ruledgraph.edges.sobel import search_sobel, sobel_points
@@ -42,8 +43,7 @@ _FULL = 0.6
 _FEWEST_MOVING = 3
 
 
-@dataclass(frozen=True, eq=False)
-class Sighting:
+class Sighting(NamedTuple):
     """A line's edge in one frame."""
 
     stamp: int
@@ -70,7 +70,7 @@ class Track:
     slope: float
     """Usual grey level slope across it, signed."""
     sightings: deque[Sighting] = field(default_factory=deque)
-    rates: FloatArray = field(default_factory=lambda: np.zeros(2))
+    rates: tuple[float, float] = (0.0, 0.0)
     """Motion across itself beside the rotation's, at both ends, px/s."""
     sigma: float = _FRESH_SIGMA
     misses: int = 0
@@ -113,7 +113,7 @@ class Tracker:
         Returns:
             Those that were found.
         """
-        ends, in_view = self._clip(rulings.ends)
+        ends, in_view = clipped(rulings.ends, self._low, self._high)
         edges = self._search(gradient, rulings._replace(ends=ends).part(in_view))
         good = (edges.counts > 0) & ~edges.ambiguous & (edges.deviation <= self._straight)
         found = in_view.copy()
@@ -152,19 +152,21 @@ class Tracker:
 
     def _move(self, time: float, tracks: Sequence[Track], edges: Edges) -> None:
         """Take tracks to where they were found."""
-        offsets = np.cumsum(edges.lines, axis=1)  # at both ends
-        elapsed = time - np.array([track.last_seen for track in tracks])
-        gains = np.where([track.misses == 0 for track in tracks], 0.7, 0.3)
-        gains /= np.maximum(elapsed, 1e-3)
-        rates = np.array([track.rates for track in tracks]) + gains[:, None] * offsets
         along = edges.ends[:, 1] - edges.ends[:, 0]
-        short = np.hypot(along[:, 0], along[:, 1]) * self._camera.focal_length < _SHORTEST
-        for i, (track, slope) in enumerate(zip(tracks, edges.slopes.tolist(), strict=True)):
-            track.ends, track.rates = edges.ends[i], rates[i]
+        lengths = np.hypot(along[:, 0], along[:, 1]) * self._camera.focal_length
+        rows = zip(tracks, edges.ends, edges.slopes.tolist(), strict=True)
+        offsets = edges.lines.tolist()
+        for (track, ends, slope), (a, b), length in zip(
+            rows, offsets, lengths.tolist(), strict=True
+        ):
+            gain = (0.7 if track.misses == 0 else 0.3) / max(time - track.last_seen, 1e-3)
+            first, second = track.rates
+            track.rates = first + gain * a, second + gain * (a + b)
+            track.ends = ends
             track.sigma = max(_LEAST_SIGMA + 0.8, 0.7 * track.sigma)
             track.slope = 0.8 * track.slope + 0.2 * slope
             track.misses, track.last_seen = 0, time
-            if short[i]:
+            if length < _SHORTEST:
                 track.give_up()
 
     def drop_lost(self) -> None:
@@ -265,22 +267,6 @@ class Tracker:
         """The ends of tracks in the image, (N, 2, 2)."""
         ends, _ = _segments(tracks)
         return self._camera.distort(ends.reshape(-1, 2)).pixels.reshape(-1, 2, 2)
-
-    def _clip(self, ends: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """The parts of segments (N, 2, 2) inside the field of view, and which have one, (N,)."""
-        start, along = ends[:, 0], ends[:, 1] - ends[:, 0]
-        level = np.abs(along) < 1e-12
-        between = (start >= self._low) & (start <= self._high)
-        safe = np.where(level, 1.0, along)
-        a, b = (self._low - start) / safe, (self._high - start) / safe
-        # A segment along an axis is inside all the way or not at all.
-        enter = np.where(level, np.where(between, 0.0, np.inf), np.minimum(a, b))
-        leave = np.where(level, 1.0, np.maximum(a, b))
-        first, last = enter.max(axis=1).clip(min=0.0), leave.min(axis=1).clip(max=1.0)
-        visible = last - first > 1e-6
-        first, last = np.where(visible, first, 0.0), np.where(visible, last, 1.0)
-        parts = np.stack([start + first[:, None] * along, start + last[:, None] * along], axis=1)
-        return parts, visible
 
 
 def _first_of_twins(twins: NDArray[np.bool_]) -> list[int]:

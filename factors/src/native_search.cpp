@@ -141,6 +141,34 @@ nb::tuple predict_all(Rows<double, -1, 6> plucker, Rows<double, -1, 6, 4> by_del
   return nb::make_tuple(std::move(found_ends), std::move(found_sigmas));
 }
 
+Table<4> turn_all(Rows<double, -1, 2, 2> ends, const Eigen::Matrix3d& cam_R_before,
+                  Rows<double, -1, 2> moved) {
+  const std::size_t count = ends.shape(0);
+  require(moved.shape(0) == count, "ends and moved differ in length");
+  Table<4> found(count, 4);
+  for (std::size_t i = 0; i < count; ++i) {
+    const Segment now = turned(Eigen::Map<const RowMajor<2, 2>>(ends.data() + 4 * i), cam_R_before,
+                               Eigen::Map<const Eigen::Vector2d>(moved.data() + 2 * i));
+    found.row(static_cast<Index>(i)) << now.row(0), now.row(1);
+  }
+  return found;
+}
+
+nb::tuple clip_all(Rows<double, -1, 2, 2> ends, const Eigen::Vector2d& low,
+                   const Eigen::Vector2d& high) {
+  const std::size_t count = ends.shape(0);
+  Table<4> parts(count, 4);
+  Mask visible(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto row = static_cast<Index>(i);
+    const auto [part, is_visible] = part_in_view(
+        Eigen::Map<const RowMajor<2, 2>>(ends.data() + 4 * i), low.transpose(), high.transpose());
+    parts.row(row) << part.row(0), part.row(1);
+    visible[row] = is_visible;
+  }
+  return nb::make_tuple(std::move(parts), std::move(visible));
+}
+
 }  // namespace
 
 NB_MODULE(_native_search, module) {
@@ -153,4 +181,6 @@ NB_MODULE(_native_search, module) {
   module.def("predict_all", &predict_all, nb::arg("plucker"), nb::arg("by_delta"),
              nb::arg("covariances"), nb::arg("seen"), nb::arg("floors"), nb::arg("world_T_before"),
              nb::arg("world_T_cam"), nb::arg("ends"), nb::arg("sigmas"), nb::arg("focal"));
+  module.def("turn_all", &turn_all, nb::arg("ends"), nb::arg("cam_R_before"), nb::arg("moved"));
+  module.def("clip_all", &clip_all, nb::arg("ends"), nb::arg("low"), nb::arg("high"));
 }

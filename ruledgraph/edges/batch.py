@@ -3,6 +3,7 @@
 """All lines of a frame at once: rulings and what is found along them, in arrays, a row each."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,9 @@ from ruledgraph_factors import CompressedPoints
 
 # How much of the way to its outermost points a line's end goes.
 _GROWTH = 0.3
+# A segment that extends less than this along an axis is level; less than this share of one in view
+# is none (normalised).
+_LEVEL, _SHORTEST = 1e-12, 1e-6
 
 
 class Rulings(NamedTuple):
@@ -133,8 +137,41 @@ def search_all(
     if not kernel.is_native():
         found = [search(gradient, camera, each, beyond) for each in rulings.one_by_one()]
         return stacked(rulings, found)
-    model = kernel.native.Camera(**vars(camera))
-    edges = Edges(*kernel.native.search_all(gradient.xy, model, *rulings, beyond))
+    edges = Edges(*kernel.native.search_all(gradient.xy, _native(camera), *rulings, beyond))
     return edges._replace(
         ends=edges.ends.reshape(-1, 2, 2), statistics=edges.statistics.reshape(-1, 3, 3)
     )
+
+
+@lru_cache(maxsize=8)
+def _native(camera: CameraModel) -> "kernel.native.Camera":
+    return kernel.native.Camera(**vars(camera))
+
+
+def clipped(
+    ends: FloatArray, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """The parts of segments (N, 2, 2) inside a field of view from `low` (2,) to `high` (2,), and
+    which of them have one, (N,); the others stay as they are.
+    """
+    clip = kernel.native.clip_all if kernel.is_native() else clip_in_numpy
+    parts, visible = clip(ends, low, high)
+    return parts.reshape(-1, 2, 2), visible
+
+
+def clip_in_numpy(
+    ends: FloatArray, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """The reference of `_native_search.clip_all`."""
+    start, along = ends[:, 0], ends[:, 1] - ends[:, 0]
+    level = np.abs(along) < _LEVEL
+    between = (start >= low) & (start <= high)
+    safe = np.where(level, 1.0, along)
+    a, b = (low - start) / safe, (high - start) / safe
+    # A segment along an axis is inside all the way or not at all.
+    enter = np.where(level, np.where(between, 0.0, np.inf), np.minimum(a, b))
+    leave = np.where(level, 1.0, np.maximum(a, b))
+    first, last = enter.max(axis=1).clip(min=0.0), leave.min(axis=1).clip(max=1.0)
+    visible = last - first > _SHORTEST
+    parts = np.stack([start + first[:, None] * along, start + last[:, None] * along], axis=1)
+    return np.where(visible[:, None, None], parts, ends), visible

@@ -79,10 +79,10 @@ def test_a_line_through_the_camera_stays_with_the_rotation():
 def test_without_depth_a_track_moves_with_the_rotation_and_on_across_itself():
     turn = gtsam.Rot3.Ypr(0.05, 0.1, -0.2).matrix()
     ends = np.array([[-0.2, 0.1], [0.3, 0.1]])
-    track = Track(0, 0.0, ends, 20.0, rates=np.array([30.0, 60.0]))
+    track = Track(0, 0.0, ends, 20.0, rates=(30.0, 60.0))
     (still,) = by_rotation([track], np.eye(3), 0.1, FOCAL).one_by_one()
     np.testing.assert_allclose(still.ends - ends, [[0.0, 0.01], [0.0, 0.02]], atol=1e-12)
-    track.rates = np.zeros(2)
+    track.rates = (0.0, 0.0)
     (turned,) = by_rotation([track], turn, 0.1, FOCAL).one_by_one()
     rays = np.column_stack([ends, np.ones(2)]) @ turn.T
     np.testing.assert_allclose(turned.ends, rays[:, :2] / rays[:, 2:], atol=1e-12)
@@ -115,3 +115,25 @@ def test_kernels_predict_the_same(monkeypatch):
         found.append(by_estimate(lines, BEFORE, NOW, otherwise, FOCAL))
     for mine, other in zip(*found, strict=True):
         np.testing.assert_allclose(mine, other, rtol=1e-12, atol=1e-12)
+
+
+@needs_native
+def test_kernels_turn_the_same(monkeypatch):
+    rng = np.random.default_rng(4)
+    turn = gtsam.Rot3.Ypr(0.05, 0.1, -0.2).matrix()
+    tracks = [
+        Track(i, 0.0, ends, 20.0, rates=tuple(rates))
+        for i, (ends, rates) in enumerate(
+            zip(
+                rng.uniform(-0.8, 0.8, (50, 2, 2)),
+                rng.normal(scale=50.0, size=(50, 2)),
+                strict=True,
+            )
+        )
+    ]
+    tracks[0].ends[1] = tracks[0].ends[0]  # without a direction
+    found = []
+    for name in ("native", "numpy"):
+        monkeypatch.setenv("RULEDGRAPH_KERNEL", name)
+        found.append(by_rotation(tracks, turn, 0.05, FOCAL).ends)
+    np.testing.assert_allclose(*found, rtol=1e-12, atol=1e-12)

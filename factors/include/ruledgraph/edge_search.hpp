@@ -216,31 +216,30 @@ inline std::pair<StraightLine, bool> vote(const std::vector<Candidate>& candidat
   const int reach = static_cast<int>(std::ceil(furthest + tilt)) + 2;
   const double first = std::max(ruling.sigma_first, 0.5);
   const double second = std::max(ruling.sigma_second, 0.5);
-  const auto bins = static_cast<std::size_t>(2 * reach + 1);
-  std::vector<double> votes(bins);
-  std::vector<double> score;
-  score.reserve(static_cast<std::size_t>(2 * steepest + 1) * bins);
+  const int bins = 2 * reach + 1;
+  // With a cell to spare at both ends.
+  std::vector<double> votes(static_cast<std::size_t>(bins + 2));
+  std::vector<double> score(static_cast<std::size_t>((2 * steepest + 1) * bins));
   for (int b = -steepest; b <= steepest; ++b) {
     std::fill(votes.begin(), votes.end(), 0.0);
+    double* const middle = votes.data() + 1;
     for (const Candidate& c : candidates) {
       const int cell = static_cast<int>(rounded(c.offset - c.s() * b)) + reach;
-      if (cell >= 0 && cell <= 2 * reach) votes[static_cast<std::size_t>(cell)] += 1.0;
+      if (cell >= 0 && cell < bins) middle[cell] += 1.0;
     }
-    for (std::size_t i = 0; i < bins; ++i) {
-      double smooth = votes[i];
-      if (i > 0) smooth += 0.5 * votes[i - 1];
-      if (i + 1 < bins) smooth += 0.5 * votes[i + 1];
-      const int a = static_cast<int>(i) - reach;
+    double* const own = score.data() + (b + steepest) * bins;
+    for (int i = 0; i < bins; ++i) {
+      const double smooth = middle[i] + 0.5 * middle[i - 1] + 0.5 * middle[i + 1];
+      const int a = i - reach;
       const double at_first = (a - b) / first, at_second = (a + b) / second;
       // One sigma off at both ends costs as much as 5 % of the points.
       const double away = at_first * at_first + at_second * at_second;
-      score.push_back(smooth * std::max(1.0 - 0.025 * away, 0.0));
+      own[i] = smooth * std::max(1.0 - 0.025 * away, 0.0);
     }
   }
   const auto best = std::max_element(score.begin(), score.end());
-  const auto winner = static_cast<std::size_t>(best - score.begin());
-  const int b0 = static_cast<int>(winner / bins) - steepest;
-  const int a0 = static_cast<int>(winner % bins) - reach;
+  const auto winner = static_cast<int>(best - score.begin());
+  const int b0 = winner / bins - steepest, a0 = winner % bins - reach;
   double rival = 0.0;
   auto next = score.begin();
   for (int b = -steepest; b <= steepest; ++b) {

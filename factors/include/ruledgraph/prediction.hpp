@@ -1,8 +1,8 @@
 // SPDX-FileCopyrightText: The ruledgraph developers
 // SPDX-License-Identifier: BSD-3-Clause
 //
-// Where a line of the graph appears in the next image; needs Eigen alone. The native version of
-// `predict_in_numpy` in `ruledgraph/prediction.py`, which stays the reference.
+// Where lines appear in the next image; needs Eigen alone. The native version of the functions
+// `..._in_numpy` in `ruledgraph/prediction.py` and `edges/batch.py`, which stay the reference.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "ruledgraph/so3.hpp"
 
@@ -20,6 +21,10 @@ constexpr double kNearest = 0.05;
 constexpr double kThroughCentre = 1e-9;
 constexpr double kAtInfinity = 1e-6;
 constexpr double kAlongRay = 1e-4;
+constexpr double kLevel = 1e-12, kShortest = 1e-6;
+
+/// The ends of a segment, normalised, a row each.
+using Segment = Eigen::Matrix2d;
 
 /// A camera's pose in the world.
 struct CameraPose {
@@ -32,13 +37,13 @@ struct UncertainLine {
   Vector3 moment, direction;
   Eigen::Matrix<double, 3, 4> moment_by_line, direction_by_line;
   Eigen::Matrix4d covariance;
-  Eigen::Matrix2d seen;  ///< the ends in the last image, a row each
-  double floor;          ///< least deviation, px
+  Segment seen;  ///< in the last image
+  double floor;  ///< least deviation, px
 };
 
-/// The ends (rows) and deviations (px) of a predicted segment.
+/// A predicted segment and its deviations at the ends, px.
 struct Predicted {
-  Eigen::Matrix2d ends;
+  Segment ends;
   Eigen::Vector2d sigmas;
 };
 
@@ -82,6 +87,45 @@ inline Predicted predict(const UncertainLine& line, const CameraPose& before, co
     found.sigmas[i] = std::min(sigma, kMostSigma);
   }
   return found;
+}
+
+/// A segment after the camera turned, moved on across itself at both ends.
+inline Segment turned(const Segment& ends, const Matrix3& cam_R_before,
+                      const Eigen::Vector2d& moved) {
+  Segment now;
+  for (int i = 0; i < 2; ++i) {
+    const Vector3 ray = cam_R_before * Vector3(ends(i, 0), ends(i, 1), 1.0);
+    now.row(i) << ray.x() / ray.z(), ray.y() / ray.z();
+  }
+  const Eigen::RowVector2d along = now.row(1) - now.row(0);
+  const double length = std::max(std::hypot(along.x(), along.y()), kLevel);
+  const Eigen::RowVector2d normal(-along.y() / length, along.x() / length);
+  now.row(0) += moved[0] * normal;
+  now.row(1) += moved[1] * normal;
+  return now;
+}
+
+/// The part of a segment inside a field of view, and whether there is one; else all of it.
+inline std::pair<Segment, bool> part_in_view(const Segment& ends, const Eigen::RowVector2d& low,
+                                             const Eigen::RowVector2d& high) {
+  const Eigen::RowVector2d start = ends.row(0), along = ends.row(1) - ends.row(0);
+  double first = 0.0, last = 1.0;
+  for (int axis = 0; axis < 2; ++axis) {
+    if (std::abs(along[axis]) < kLevel) {
+      // Along the other axis: inside all the way or not at all.
+      if (!(low[axis] <= start[axis] && start[axis] <= high[axis])) last = -1.0;
+      continue;
+    }
+    const double a = (low[axis] - start[axis]) / along[axis];
+    const double b = (high[axis] - start[axis]) / along[axis];
+    first = std::max(first, std::min(a, b));
+    last = std::min(last, std::max(a, b));
+  }
+  if (!(ends.allFinite() && last - first > kShortest)) return {ends, false};
+  Segment part;
+  part.row(0) = start + first * along;
+  part.row(1) = start + last * along;
+  return {part, true};
 }
 
 }  // namespace ruledgraph

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from edge_images import CAMERA, edge_image, line_through
-from ruledgraph.edges.batch import Edges, Rulings, moved_ends, search_all, stacked
+from ruledgraph.edges import kernel
+from ruledgraph.edges.batch import Edges, Rulings, clipped, moved_ends, search_all, stacked
 from ruledgraph.edges.gradient import Gradient
 from ruledgraph.edges.search import search
 from ruledgraph_factors import CompressedPoints
@@ -65,3 +66,34 @@ def test_ends_go_onto_the_line_and_towards_its_outermost_points():
     np.testing.assert_allclose(backwards, expected[::-1], atol=1e-12)
     steep = moved_ends(ends[:, ::-1], points[:, ::-1])
     np.testing.assert_allclose(steep, np.array(expected)[:, ::-1], atol=1e-12)
+
+
+LOW, HIGH = np.array([-0.5, -0.4]), np.array([0.5, 0.4])
+CLIPPED = [
+    # Inside; across the right border; across two borders; outside; past a corner.
+    ([[-0.3, 0.0], [0.3, 0.2]], [[-0.3, 0.0], [0.3, 0.2]]),
+    ([[0.0, 0.1], [1.0, 0.3]], [[0.0, 0.1], [0.5, 0.2]]),
+    ([[-1.0, -0.2], [1.0, 0.2]], [[-0.5, -0.1], [0.5, 0.1]]),
+    ([[-0.3, 0.5], [0.3, 0.6]], None),
+    ([[0.4, -0.6], [0.7, -0.3]], None),
+    # Along an axis, inside and outside; nowhere.
+    ([[-0.3, 0.1], [0.9, 0.1]], [[-0.3, 0.1], [0.5, 0.1]]),
+    ([[-0.3, 0.7], [0.9, 0.7]], None),
+    ([[0.2, -0.9], [0.2, 0.9]], [[0.2, -0.4], [0.2, 0.4]]),
+    ([[np.nan, 0.1], [0.3, 0.2]], None),
+    ([[np.inf, 0.1], [0.3, 0.2]], None),
+]
+
+
+@pytest.mark.parametrize("name", ["native", "numpy"])
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_of_segments_the_part_in_view_is_kept(monkeypatch, name):
+    if name == "native" and kernel.native is None:
+        pytest.skip("the native kernel was not built (no C++ compiler)")
+    monkeypatch.setenv("RULEDGRAPH_KERNEL", name)
+    parts, visible = clipped(np.array([ends for ends, _ in CLIPPED]), LOW, HIGH)
+    assert visible.tolist() == [part is not None for _, part in CLIPPED]
+    for own, (ends, part) in zip(parts, CLIPPED, strict=True):
+        # One that is out of view stays as it is.
+        np.testing.assert_allclose(own, ends if part is None else part, rtol=0.0, atol=1e-12)
+    assert clipped(np.zeros((0, 2, 2)), LOW, HIGH)[0].shape == (0, 2, 2)
