@@ -9,7 +9,6 @@ for estimate in ruledgraph.smooth(recording.stream(), calibration):
 """
 
 from importlib import import_module
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from ruledgraph.recording import open_recording as open_recording
     from ruledgraph.sensors import Calibration as Calibration
 
-__version__ = version("ruledgraph")
+    __version__: str
 
 _LAZY = {
     "Calibration": "sensors",
@@ -41,4 +40,6 @@ def __getattr__(name: str) -> Any:
     # gtsam and opencv take long to import: `ruledgraph --help` does without them.
     if name in _LAZY:
         return getattr(import_module(f"ruledgraph.{_LAZY[name]}"), name)
+    if name == "__version__":
+        return import_module("importlib.metadata").version("ruledgraph")
     raise AttributeError(f"module 'ruledgraph' has no attribute {name!r}")

@@ -26,7 +26,7 @@ class EdgesConfig:
     """Edge points: maxima of the slope across a ruling, or the paper's thresholded Sobel pixels."""
     gate: float = 3.0
     """The paper's tau: how far from its predicted ruling a Sobel pixel may lie, px."""
-    max_lines: int = 30
+    max_lines: int = 24
     """Lines followed at a time."""
     min_length: float = 40.0
     """Shortest segment that starts a line, px."""

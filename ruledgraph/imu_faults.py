@@ -5,6 +5,7 @@
 A reading is gyroscope and accelerometer together, (6,), rad/s and m/s^2; times are s.
 """
 
+import math
 from collections import deque
 from typing import NamedTuple
 
@@ -69,7 +70,7 @@ class SpikeFilter:
                 held = Reading(held.time, line, replaced=True)
             ready.append(self._pass(held))
         new = Reading(time, value)
-        if np.any(self._is_far(new)):
+        if self._is_far(new).any():
             self._held = new
         else:
             ready.append(self._pass(new))
@@ -98,7 +99,7 @@ class SpikeFilter:
         if before is None or reading.time - before.time > _NEIGHBOURS:
             self._usual, self._since = np.zeros(6), reading.time
         else:
-            fading = np.exp(-(reading.time - before.time) / _FADES)
+            fading = math.exp(-(reading.time - before.time) / _FADES)
             change = np.abs(reading.value - before.value)
             self._usual = np.maximum(change, fading * self._usual)
         return reading
@@ -138,7 +139,7 @@ class RangeWatch:
             before = self._recent[-1][1]
             change = np.abs(both[:6] - before[:6])
             self._steps = np.where(change > 0.0, np.minimum(change, self._steps), self._steps)
-            for i in np.flatnonzero(both >= self._farthest).tolist():
+            for i in (both >= self._farthest).nonzero()[0].tolist():
                 if both[i] > self._farthest[i]:
                     self._farthest[i] = both[i]
                     self._is_end[i] = False

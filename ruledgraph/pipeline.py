@@ -4,7 +4,7 @@
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
 
 import gtsam
@@ -69,6 +69,7 @@ class Odometry(Output):
         self._detect = DETECTORS[edges.detector]
         # Segments are detected beside the smoother, which runs on the same frames.
         self._worker = ThreadPoolExecutor(1, "detection")
+        self._detected: tuple[_Seen, Gradient, Future[FloatArray]] | None = None
         self._intake = Intake(calibration, self.warnings)
         self._imu = self._intake.imu
         self._frames: deque[_Seen] = deque()
@@ -160,6 +161,7 @@ class Odometry(Output):
                     f"a frame at {seen.time:.2f} s came after a later one: such are not used",
                 )
             return
+        self._start_tracks()
         self._look_for_gap(seen.time)
         due = self._is_knot_due(seen.time)
         segments = None
@@ -191,10 +193,20 @@ class Odometry(Output):
             self._report(self.window, seen, lines, at_knot)
         self.tracker.drop_lost()
         if segments is not None:
-            with self._timed("detection"):
-                self.tracker.drop_twins()
-                self.tracker.start_new(seen.stamp, seen.time, segments.result(), gradient)
+            self._detected = seen, gradient, segments
         self._forget(seen.time)
+
+    def _start_tracks(self) -> None:
+        """New tracks in the frame before, if segments were looked for there.
+
+        Only now: its estimate was not to wait for that.
+        """
+        if self._detected is None:
+            return
+        (seen, gradient, segments), self._detected = self._detected, None
+        with self._timed("detection"):
+            self.tracker.drop_twins()
+            self.tracker.start_new(seen.stamp, seen.time, segments.result(), gradient)
 
     def _follow(self, seen: _Seen, gradient: Gradient) -> int:
         """Search every track where it is predicted; returns how many of the graph were found."""
@@ -368,7 +380,7 @@ class Odometry(Output):
         self.finish()
         self._frames.clear()
         self.tracker.tracks.clear()
-        self._ahead = None
+        self._detected = self._ahead = None
 
     def _is_still(self, time: float) -> bool:
         """Whether body and image have rested until now, for some time and since the last knot."""

@@ -100,7 +100,7 @@ class ImuSamples:
             FactorError: when [start, stop] reaches outside the samples.
         """
         breaks, force, rate = self._segment_arrays(start, stop, at, _bias_vector(bias))
-        for segment in zip(force, rate, np.diff(breaks).tolist(), strict=True):
+        for segment in zip(force, rate, (breaks[1:] - breaks[:-1]).tolist(), strict=True):
             yield ImuSegment(*segment)
 
     def _segment_arrays(

@@ -43,9 +43,12 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
 
 
 def _fits(found: tuple[int, ...], shape: tuple[int | None, ...]) -> bool:
-    return len(found) == len(shape) and all(
-        want is None or have == want for have, want in zip(found, shape, strict=True)
-    )
+    if len(found) != len(shape):
+        return False
+    for have, want in zip(found, shape, strict=True):
+        if want is not None and have != want:
+            return False
+    return True
 
 
 def image_points(name: str, value: ArrayLike) -> FloatArray:
@@ -79,8 +82,8 @@ def increasing_times(name: str, value: ArrayLike) -> FloatArray:
     times = finite_array(name, value, (None,))
     if times.size == 0:
         raise FactorError(f"{name} is empty")
-    steps = np.diff(times)
-    if np.any(steps <= 0.0):
+    steps = times[1:] - times[:-1]
+    if (steps <= 0.0).any():
         at = int(np.argmax(steps <= 0.0))
         raise FactorError(
             f"{name} must increase strictly, but {name}[{at + 1}] = {times[at + 1]:.9f} "
