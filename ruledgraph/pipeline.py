@@ -4,13 +4,13 @@
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
 
 import gtsam
 import numpy as np
 
 from ruledgraph.config import Config
+from ruledgraph.detection import Detection
 from ruledgraph.edges.detect import DETECTORS
 from ruledgraph.edges.gradient import Gradient
 from ruledgraph.estimates import Estimate, Output, Status
@@ -20,7 +20,7 @@ from ruledgraph.knots import Interval
 from ruledgraph.lines import GraphLine
 from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
 from ruledgraph.monitor import Trust
-from ruledgraph.prediction import by_estimate, by_rotation
+from ruledgraph.prediction import CameraMotion, predict
 from ruledgraph.segments import Drift, Ended, Trial, continued
 from ruledgraph.sensors import Calibration, FloatArray
 from ruledgraph.time_offset import RETRY, TimeOffset, concern, followed
@@ -66,14 +66,11 @@ class Odometry(Output):
         edges = self.config.edges
         self.tracker = Tracker(calibration.camera, edges)
         self.window: Window | None = None
-        self._detect = DETECTORS[edges.detector]
-        # Segments are detected beside the smoother, which runs on the same frames.
-        self._worker = ThreadPoolExecutor(1, "detection")
-        self._detected: tuple[_Seen, Gradient, Future[FloatArray]] | None = None
+        self._detection = Detection(self.tracker, DETECTORS[edges.detector])
         self._intake = Intake(calibration, self.warnings)
         self._imu = self._intake.imu
         self._frames: deque[_Seen] = deque()
-        self._last_attempt = self._last_detection = self._last_lines = -np.inf
+        self._last_attempt = self._last_lines = -np.inf
         # At rest new lines are looked for, and the window is solved, this often, s.
         self._idle = min(self.config.window.lag / 2.0, _IDLE)
         self._state = gtsam.NavState()
@@ -161,13 +158,13 @@ class Odometry(Output):
                     f"a frame at {seen.time:.2f} s came after a later one: such are not used",
                 )
             return
-        self._start_tracks()
+        if self._detection.pending:
+            with self._timed("detection"):
+                self._detection.start_tracks()
         self._look_for_gap(seen.time)
         due = self._is_knot_due(seen.time)
-        segments = None
         if self._is_detection_due(seen.time, due):
-            self._last_detection = seen.time
-            segments = self._worker.submit(self._detect, frame.image)
+            self._detection.begin(frame, seen.time)
         with self._timed("gradient"):
             gradient = frame.gradient
         with self._timed("search"):
@@ -192,21 +189,7 @@ class Odometry(Output):
         if self.window is not None:
             self._report(self.window, seen, lines, at_knot)
         self.tracker.drop_lost()
-        if segments is not None:
-            self._detected = seen, gradient, segments
         self._forget(seen.time)
-
-    def _start_tracks(self) -> None:
-        """New tracks in the frame before, if segments were looked for there.
-
-        Only now: its estimate was not to wait for that.
-        """
-        if self._detected is None:
-            return
-        (seen, gradient, segments), self._detected = self._detected, None
-        with self._timed("detection"):
-            self.tracker.drop_twins()
-            self.tracker.start_new(seen.stamp, seen.time, segments.result(), gradient)
 
     def _follow(self, seen: _Seen, gradient: Gradient) -> int:
         """Search every track where it is predicted; returns how many of the graph were found."""
@@ -221,18 +204,14 @@ class Odometry(Output):
             self._predict(self.window, seen.time)
             world_T_cam = self._state.pose().compose(self.calibration.body_T_cam)
             cam_R_before = world_T_cam.between(world_T_before).rotation().matrix()
-        focal = self.calibration.camera.focal_length
-        tracks = self.tracker.tracks
-        rulings = by_rotation(tracks, cam_R_before, seen.time - before.time, focal)
+        motion = CameraMotion(cam_R_before, seen.time - before.time, world_T_before, world_T_cam)
         known = self.window.lines if self.window is not None else {}
+        placed = known
         if self.window is not None and self._is_blind(self.window, seen.time):
-            known = {}
-        at = [i for i, track in enumerate(tracks) if track.number in known]
-        lines = [known[tracks[i].number] for i in at]
-        estimated = by_estimate(lines, world_T_before, world_T_cam, rulings.part(at), focal)
-        rulings.ends[at], rulings.sigmas[at] = estimated.ends, estimated.sigmas
+            placed = {}
+        focal = self.calibration.camera.focal_length
+        rulings = predict(self.tracker.tracks, placed, motion, focal)
         found = self.tracker.follow(seen.stamp, seen.time, gradient, rulings)
-        known = self.window.lines if self.window is not None else {}
         return sum(track.number in known for track in found)
 
     def _is_knot_due(self, time: float) -> bool:
@@ -244,7 +223,7 @@ class Odometry(Output):
         tracking = self.window is not None
         every = self._idle if tracking and self._status == "still" else _DETECT_INTERVAL
         # At a knot it costs little time: the smoother works meanwhile.
-        return time - self._last_detection >= every - _EARLY and (at_knot or not tracking)
+        return time - self._detection.last >= every - _EARLY and (at_knot or not tracking)
 
     def _is_blind(self, window: Window, time: float) -> bool:
         """Whether the IMU's prediction crosses a doubt that no line has bridged yet."""
@@ -380,7 +359,8 @@ class Odometry(Output):
         self.finish()
         self._frames.clear()
         self.tracker.tracks.clear()
-        self._detected = self._ahead = None
+        self._detection.forget()
+        self._ahead = None
 
     def _is_still(self, time: float) -> bool:
         """Whether body and image have rested until now, for some time and since the last knot."""

@@ -5,7 +5,7 @@
 For all tracks of a frame at once, in arrays whose first axis is the track.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import gtsam
@@ -28,6 +28,33 @@ _THROUGH_CENTRE = 1e-9
 # A shorter direction is that of a line at infinity; the square of the sine of a line's angle with a
 # ray, below which they are parallel.
 _AT_INFINITY, _ALONG_RAY = 1e-6, 1e-4
+
+
+class CameraMotion(NamedTuple):
+    """From the last frame to this one."""
+
+    cam_R_before: FloatArray
+    """(3, 3)."""
+    elapsed: float
+    """s."""
+    world_T_before: gtsam.Pose3
+    world_T_cam: gtsam.Pose3
+
+
+def predict(
+    tracks: Sequence[Track], lines: Mapping[int, GraphLine], motion: CameraMotion, focal: float
+) -> Rulings:
+    """Rulings of all tracks, of those with a line, by number, where that appears.
+
+    `focal` is the focal length, px.
+    """
+    rulings = by_rotation(tracks, motion.cam_R_before, motion.elapsed, focal)
+    at = [i for i, track in enumerate(tracks) if track.number in lines]
+    known = [lines[tracks[i].number] for i in at]
+    poses = motion.world_T_before, motion.world_T_cam
+    estimated = by_estimate(known, *poses, rulings.part(at), focal)
+    rulings.ends[at], rulings.sigmas[at] = estimated.ends, estimated.sigmas
+    return rulings
 
 
 def by_rotation(
@@ -82,8 +109,8 @@ def by_estimate(
         floors=np.array([_MOTION_SIGMA * 1.5**line.track.misses for line in lines]),
     )
     poses = world_T_before.matrix(), world_T_cam.matrix()
-    predict = kernel.native.predict_all if kernel.is_native() else predict_in_numpy
-    ends, sigmas = predict(*known, *poses, otherwise.ends, otherwise.sigmas, focal)
+    place = kernel.native.predict_all if kernel.is_native() else predict_in_numpy
+    ends, sigmas = place(*known, *poses, otherwise.ends, otherwise.sigmas, focal)
     return Rulings(ends.reshape(-1, 2, 2), sigmas, otherwise.slopes)
 
 

@@ -23,7 +23,8 @@ def test_frames_are_handed_out_when_the_tracks_are_theirs():
             newest = [t.sightings[-1].stamp for t in odometry.tracker.tracks if t.sightings]
             for frame in queue.take(odometry, measurement):
                 handed_out.append(frame.stamp)
-                assert frame.stamp == max(newest)
+                # Tracks start in a frame with the next one: the first frame comes late.
+                assert frame.stamp == max(newest) or handed_out == added[:1]
     assert len(handed_out) > 20
     # Each once, in order; the last ones wait.
     assert handed_out == added[: len(handed_out)]
