@@ -24,7 +24,8 @@ def line_color(number: int) -> tuple[int, int, int]:
 class FrameQueue:
     """Holds frames until the odometry has processed them, for which it waits for the IMU.
 
-    When a frame has just been added, the tracks are those of the frame before.
+    When a frame has just been added, the tracks are those of the frame before, without the ones
+    that will only be started there.
     """
 
     def __init__(self) -> None:

@@ -206,9 +206,8 @@ class Odometry(Output):
             cam_R_before = world_T_cam.between(world_T_before).rotation().matrix()
         motion = CameraMotion(cam_R_before, seen.time - before.time, world_T_before, world_T_cam)
         known = self.window.lines if self.window is not None else {}
-        placed = known
-        if self.window is not None and self._is_blind(self.window, seen.time):
-            placed = {}
+        is_blind = self.window is not None and self._is_blind(self.window, seen.time)
+        placed = {} if is_blind else known
         focal = self.calibration.camera.focal_length
         rulings = predict(self.tracker.tracks, placed, motion, focal)
         found = self.tracker.follow(seen.stamp, seen.time, gradient, rulings)
@@ -223,7 +222,7 @@ class Odometry(Output):
         tracking = self.window is not None
         every = self._idle if tracking and self._status == "still" else _DETECT_INTERVAL
         # At a knot it costs little time: the smoother works meanwhile.
-        return time - self._detection.last >= every - _EARLY and (at_knot or not tracking)
+        return self._detection.is_due(time, every - _EARLY) and (at_knot or not tracking)
 
     def _is_blind(self, window: Window, time: float) -> bool:
         """Whether the IMU's prediction crosses a doubt that no line has bridged yet."""
@@ -310,6 +309,7 @@ class Odometry(Output):
         self._frames = deque(f for f in moved if self._imu.covers(f.time, latest))
         for track in self.tracker.tracks:
             track.born, track.last_seen = track.born + change, track.last_seen + change
+        self._detection.move(change)
 
     def _passes(self, trial: Trial, window: Window, time: float) -> bool:
         """Go on with a start in motion, or take it back."""

@@ -44,7 +44,7 @@ class CameraMotion(NamedTuple):
 def predict(
     tracks: Sequence[Track], lines: Mapping[int, GraphLine], motion: CameraMotion, focal: float
 ) -> Rulings:
-    """Rulings of all tracks, of those with a line, by number, where that appears.
+    """Rulings of all tracks: by their line, in `lines` by number, if there is one, else by rotation.
 
     `focal` is the focal length, px.
     """

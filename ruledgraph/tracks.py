@@ -154,11 +154,8 @@ class Tracker:
         """Take tracks to where they were found."""
         along = edges.ends[:, 1] - edges.ends[:, 0]
         lengths = np.hypot(along[:, 0], along[:, 1]) * self._camera.focal_length
-        rows = zip(tracks, edges.ends, edges.slopes.tolist(), strict=True)
-        offsets = edges.lines.tolist()
-        for (track, ends, slope), (a, b), length in zip(
-            rows, offsets, lengths.tolist(), strict=True
-        ):
+        rows = edges.ends, edges.lines.tolist(), edges.slopes.tolist(), lengths.tolist()
+        for track, ends, (a, b), slope, length in zip(tracks, *rows, strict=True):
             gain = (0.7 if track.misses == 0 else 0.3) / max(time - track.last_seen, 1e-3)
             first, second = track.rates
             track.rates = first + gain * a, second + gain * (a + b)

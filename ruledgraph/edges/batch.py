@@ -17,9 +17,9 @@ from ruledgraph_factors import CompressedPoints
 
 # How much of the way to its outermost points a line's end goes.
 _GROWTH = 0.3
-# A segment that extends less than this along an axis is level; less than this share of one in view
-# is none (normalised).
-_LEVEL, _SHORTEST = 1e-12, 1e-6
+# A segment that extends less than this along an axis runs along the other one; a smaller share of
+# one in view is none.
+_LEVEL, _LEAST_PART = 1e-12, 1e-6
 
 
 class Rulings(NamedTuple):
@@ -137,14 +137,14 @@ def search_all(
     if not kernel.is_native():
         found = [search(gradient, camera, each, beyond) for each in rulings.one_by_one()]
         return stacked(rulings, found)
-    edges = Edges(*kernel.native.search_all(gradient.xy, _native(camera), *rulings, beyond))
+    edges = Edges(*kernel.native.search_all(gradient.xy, _native_camera(camera), *rulings, beyond))
     return edges._replace(
         ends=edges.ends.reshape(-1, 2, 2), statistics=edges.statistics.reshape(-1, 3, 3)
     )
 
 
 @lru_cache(maxsize=8)
-def _native(camera: CameraModel) -> "kernel.native.Camera":
+def _native_camera(camera: CameraModel) -> "kernel.native.Camera":
     return kernel.native.Camera(**vars(camera))
 
 
@@ -172,6 +172,6 @@ def clip_in_numpy(
     enter = np.where(level, np.where(between, 0.0, np.inf), np.minimum(a, b))
     leave = np.where(level, 1.0, np.maximum(a, b))
     first, last = enter.max(axis=1).clip(min=0.0), leave.min(axis=1).clip(max=1.0)
-    visible = last - first > _SHORTEST
+    visible = last - first > _LEAST_PART
     parts = np.stack([start + first[:, None] * along, start + last[:, None] * along], axis=1)
     return np.where(visible[:, None, None], parts, ends), visible

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What a pass over a recording met: counts, faults, and the lines that say so."""
 
+import math
 from collections import Counter
 from dataclasses import dataclass, field
-
-import numpy as np
 
 from ruledgraph.measurements import Frame, Gap, ImuSample
 
@@ -73,8 +72,8 @@ class Report:
             self.frames.add(measurement.stamp)
         else:
             self.imu.add(measurement.stamp)
-            self.force_sum += float(np.linalg.norm(measurement.accelerometer))
-            self.rate_sum += float(np.linalg.norm(measurement.gyroscope))
+            self.force_sum += math.hypot(*measurement.accelerometer.tolist())
+            self.rate_sum += math.hypot(*measurement.gyroscope.tolist())
 
     @property
     def warnings(self) -> list[str]:

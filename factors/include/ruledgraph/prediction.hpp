@@ -21,7 +21,8 @@ constexpr double kNearest = 0.05;
 constexpr double kThroughCentre = 1e-9;
 constexpr double kAtInfinity = 1e-6;
 constexpr double kAlongRay = 1e-4;
-constexpr double kLevel = 1e-12, kShortest = 1e-6;
+constexpr double kLevel = 1e-12, kLeastPart = 1e-6;
+constexpr double kShortest = 1e-12;  // of a direction that is divided by
 
 /// The ends of a segment, normalised, a row each.
 using Segment = Eigen::Matrix2d;
@@ -98,7 +99,7 @@ inline Segment turned(const Segment& ends, const Matrix3& cam_R_before,
     now.row(i) << ray.x() / ray.z(), ray.y() / ray.z();
   }
   const Eigen::RowVector2d along = now.row(1) - now.row(0);
-  const double length = std::max(std::hypot(along.x(), along.y()), kLevel);
+  const double length = std::max(std::hypot(along.x(), along.y()), kShortest);
   const Eigen::RowVector2d normal(-along.y() / length, along.x() / length);
   now.row(0) += moved[0] * normal;
   now.row(1) += moved[1] * normal;
@@ -121,7 +122,7 @@ inline std::pair<Segment, bool> part_in_view(const Segment& ends, const Eigen::R
     first = std::max(first, std::min(a, b));
     last = std::min(last, std::max(a, b));
   }
-  if (!(ends.allFinite() && last - first > kShortest)) return {ends, false};
+  if (!(ends.allFinite() && last - first > kLeastPart)) return {ends, false};
   Segment part;
   part.row(0) = start + first * along;
   part.row(1) = start + last * along;
