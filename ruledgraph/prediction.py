@@ -44,9 +44,9 @@ class CameraMotion(NamedTuple):
 def predict(
     tracks: Sequence[Track], lines: Mapping[int, GraphLine], motion: CameraMotion, focal: float
 ) -> Rulings:
-    """Rulings of all tracks: by their line, in `lines` by number, if there is one, else by rotation.
+    """Rulings of all tracks: by their line, if there is one in `lines`, else by the rotation.
 
-    `focal` is the focal length, px.
+    `lines` go by the track's number; `focal` is the focal length, px.
     """
     rulings = by_rotation(tracks, motion.cam_R_before, motion.elapsed, focal)
     at = [i for i, track in enumerate(tracks) if track.number in lines]
