@@ -6,10 +6,28 @@ import math
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ruledgraph.edges.detect import Detector
 from ruledgraph.measurements import Frame
 from ruledgraph.sensors import FloatArray
 from ruledgraph.tracks import Tracker
+
+# A frame may come this much before its turn, ns. No more frames than this are searched ahead.
+_EARLY, _MOST_FORESEEN = 4_000_000, 8
+
+
+class _Rhythm(NamedTuple):
+    """Of the searches so far, ns."""
+
+    last: int
+    interval: int
+
+
+class _Foreseen(NamedTuple):
+    image: NDArray[np.uint8]
+    segments: Future[FloatArray]
 
 
 class _Search(NamedTuple):
@@ -31,6 +49,9 @@ class Detection:
         self._worker = ThreadPoolExecutor(1, "detection")
         self._search: _Search | None = None
         self._last = -math.inf
+        self._rhythm: _Rhythm | None = None
+        self._foreseen: dict[int, _Foreseen] = {}
+        self._seen = 0
 
     def is_due(self, time: float, every: float) -> bool:
         """Whether the last search was so long before a time, both s."""
@@ -39,7 +60,34 @@ class Detection:
     def begin(self, frame: Frame, time: float) -> None:
         """Look for segments in a frame, taken at `time` (s)."""
         self._last = time
-        self._search = _Search(frame, time, self._worker.submit(self._detector, frame.image))
+        foreseen = self._foreseen.pop(frame.stamp, None)
+        # A frame that hangs is replaced by a black one of its stamp.
+        if foreseen is None or foreseen.image is not frame.image:
+            foreseen = self._submitted(frame)
+        for stamp in [stamp for stamp in list(self._foreseen) if stamp < frame.stamp]:
+            self._foreseen.pop(stamp).segments.cancel()
+        last = self._rhythm.last if self._rhythm is not None else frame.stamp
+        self._rhythm = _Rhythm(frame.stamp, frame.stamp - last)
+        self._search = _Search(frame, time, foreseen.segments)
+
+    def foresee(self, frame: Frame) -> None:
+        """Look for segments in a frame to come, if by the searches so far it will be its turn.
+
+        For the thread that reads ahead, each frame in order. It saves waiting, and changes nothing
+        else: what is not used is thrown away.
+        """
+        before, self._seen = self._seen, frame.stamp
+        rhythm = self._rhythm
+        if rhythm is None or rhythm.interval <= 0 or len(self._foreseen) >= _MOST_FORESEEN:
+            return
+        turns, turns_before = (
+            (stamp - rhythm.last + _EARLY) // rhythm.interval for stamp in (frame.stamp, before)
+        )
+        if turns > max(turns_before, 0):
+            self._foreseen[frame.stamp] = self._submitted(frame)
+
+    def _submitted(self, frame: Frame) -> _Foreseen:
+        return _Foreseen(frame.image, self._worker.submit(self._detector, frame.image))
 
     @property
     def pending(self) -> bool:

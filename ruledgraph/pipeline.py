@@ -120,6 +120,14 @@ class Odometry(Output):
         """
         self._intake.add_image(frame)
 
+    def foresee(self, frame: Frame) -> None:
+        """Begin with what will be needed of a frame that will be added, to save time then.
+
+        May be called from another thread, for each frame in order.
+        """
+        _ = frame.gradient
+        self._detection.foresee(frame)
+
     def finish(self) -> None:
         """Hand out what is still in the window."""
         if self.window is None:

@@ -6,6 +6,7 @@ import time as clock
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -102,8 +103,8 @@ def run(
         RuledgraphError: for a recording that holds nothing to work on; results are in `output`.
     """
     odometry = _odometry(solver, calibration, config)
-    if solver == "graph":
-        measurements = ahead(measurements, _prepare, _AHEAD)
+    if isinstance(odometry, Odometry):
+        measurements = ahead(measurements, partial(_prepare, odometry), _AHEAD)
     tally = _Tally()
     ended = "complete"
     started = clock.perf_counter()
@@ -151,9 +152,9 @@ def _odometry(
     return PaperOdometry(calibration)
 
 
-def _prepare(measurement: Measurement) -> None:
+def _prepare(odometry: Odometry, measurement: Measurement) -> None:
     if isinstance(measurement, Frame):
-        _ = measurement.gradient
+        odometry.foresee(measurement)
 
 
 def _hand_over(

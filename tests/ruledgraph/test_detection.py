@@ -10,7 +10,9 @@ from edge_images import CAMERA, edge_image, line_through
 from ruledgraph.config import EdgesConfig
 from ruledgraph.detection import Detection
 from ruledgraph.measurements import Frame
+from ruledgraph.pipeline import Odometry
 from ruledgraph.tracks import Tracker
+from small_simulation import small_stream
 
 LEVEL = np.array([[-0.3, -0.2], [0.3, -0.15]])
 FRAME = Frame(7, edge_image(CAMERA, [(line_through(*LEVEL), 60.0)]))
@@ -83,3 +85,84 @@ def test_what_goes_wrong_in_the_thread_is_raised():
     detection.begin(FRAME, 0.5)
     with pytest.raises(ValueError, match="no such image"):
         detection.start_tracks()
+
+
+def frames(count: int) -> list[Frame]:
+    """At 20 Hz."""
+    return [Frame(50_000_000 * i, FRAME.image.copy()) for i in range(count)]
+
+
+def test_what_is_foreseen_is_searched_once_and_the_same():
+    searched = []
+
+    def detector(image):
+        searched.append(id(image))
+        return CAMERA.distort(LEVEL).pixels[None]
+
+    coming, begun = frames(40), []
+    detection = Detection(Tracker(CAMERA, EdgesConfig()), detector)
+    for i in range(24):
+        # The reader is ten frames ahead. Every fourth frame is searched, later every tenth.
+        detection.foresee(coming[i + 10])
+        if i % 4 == 0 if i < 12 else i % 10 == 2:
+            detection.begin(coming[i], 0.05 * i)
+            begun.append(id(coming[i].image))
+            detection.start_tracks()
+    assert len(begun) == 5
+    assert set(begun) <= set(searched)
+    assert len(set(searched)) == len(searched)
+
+
+def test_another_image_of_the_same_stamp_is_searched_itself():
+    searched = []
+
+    def detector(image):
+        searched.append(image)
+        return np.zeros((0, 2, 2))
+
+    coming = frames(9)
+    detection = Detection(Tracker(CAMERA, EdgesConfig()), detector)
+    for i in (0, 4):
+        detection.begin(coming[i], 0.05 * i)
+    for frame in coming[5:]:
+        detection.foresee(frame)
+    black = Frame(coming[8].stamp, np.zeros_like(FRAME.image))
+    detection.begin(black, 0.4)
+    detection.start_tracks()
+    assert searched[-2] is coming[8].image
+    assert searched[-1] is black.image
+
+
+def test_frames_that_are_never_searched_do_not_pile_up():
+    searched = []
+
+    def detector(image):
+        searched.append(image)
+        return np.zeros((0, 2, 2))
+
+    detection = Detection(Tracker(CAMERA, EdgesConfig()), detector)
+    coming = frames(400)
+    for i in (0, 4):
+        detection.begin(coming[i], 0.05 * i)
+    for frame in coming[5:]:
+        detection.foresee(frame)
+    detection.begin(coming[-1], 20.0)
+    detection.start_tracks()
+    assert len(searched) < 20
+
+
+def test_the_odometry_is_the_same_whether_it_foresees_or_not():
+    stream, calibration = small_stream()
+    estimates = []
+    for ahead in (0, 40):
+        odometry = Odometry(calibration)
+        for i, measurement in enumerate(stream):
+            coming = stream[min(i + ahead, len(stream) - 1)]
+            if ahead and isinstance(coming, Frame):
+                odometry.foresee(coming)
+            odometry.add(measurement)
+        estimates.append(odometry.take_live())
+    assert len(estimates[0]) > 30
+    for one, other in zip(*estimates, strict=True):
+        assert one.world_T_body.equals(other.world_T_body, 0.0)
+        assert one.lines == other.lines
