@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Gravity, velocity and biases to start from, at rest or in motion."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -54,20 +54,21 @@ class Refusal:
     reason: str
 
 
-def is_still(imu: ImuBuffer, start: float, stop: float, image_motion: float) -> bool:
+def is_still(imu: ImuBuffer, start: float, stop: float, image_motion: Callable[[], float]) -> bool:
     """Whether body and image rest over [start, stop].
 
     Args:
         imu: samples that cover it.
         start: s.
         stop: s.
-        image_motion: of the lines from start to stop, px, see `Tracker.image_motion`.
+        image_motion: of the lines from start to stop, px, see `Tracker.image_motion`; asked for
+            only where the IMU is still.
     """
     samples = imu.between(start, stop)
     return bool(
-        image_motion < _STILL_IMAGE
-        and samples.gyroscope.std(axis=0).max() < _STILL_GYROSCOPE
+        samples.gyroscope.std(axis=0).max() < _STILL_GYROSCOPE
         and samples.accelerometer.std(axis=0).max() < _STILL_ACCELEROMETER
+        and image_motion() < _STILL_IMAGE
     )
 
 

@@ -378,7 +378,7 @@ class Odometry(Output):
             begin = min(begin, max(self.window.rests_since, self._frames[0].time))
         if not self._imu.covers(begin, time):
             return False
-        return is_still(self._imu, begin, time, self._image_motion(begin))
+        return is_still(self._imu, begin, time, lambda: self._image_motion(begin))
 
     def _image_motion(self, since: float) -> float:
         """How far the image moved since a time, px; inf where that is not known."""

@@ -61,7 +61,7 @@ def test_wrong_associations_are_refused():
 def test_a_start_at_rest_finds_gravity_and_the_gyroscope_bias():
     bias = np.array([0.0, 0.0, 0.0, 0.02, -0.05, 0.08])
     made = ideal_tracks(0, at_rest(1.0), duration=0.9, bias=bias)
-    assert is_still(made.imu, 0.2, 0.8, image_motion=0.1)
+    assert is_still(made.imu, 0.2, 0.8, image_motion=lambda: 0.1)
     start = start_at_rest(made.imu, 800, 0.2, 0.8, Config())
     assert isinstance(start, Start)
     np.testing.assert_allclose(start.bias.gyroscope(), bias[3:], atol=2e-3)
@@ -76,9 +76,9 @@ def test_a_start_at_rest_finds_gravity_and_the_gyroscope_bias():
 
 def test_what_moves_is_not_still():
     made = ideal_tracks(0, hand_held(np.random.default_rng(0)), duration=0.9)
-    assert not is_still(made.imu, 0.2, 0.8, image_motion=0.1)
+    assert not is_still(made.imu, 0.2, 0.8, image_motion=lambda: 0.1)
     resting = ideal_tracks(0, at_rest(1.0), duration=0.9)
-    assert not is_still(resting.imu, 0.2, 0.8, image_motion=5.0)
+    assert not is_still(resting.imu, 0.2, 0.8, image_motion=lambda: 5.0)
 
 
 def test_an_accelerometer_in_g_is_refused_at_rest():
