@@ -41,5 +41,7 @@ def __getattr__(name: str) -> Any:
     if name in _LAZY:
         return getattr(import_module(f"ruledgraph.{_LAZY[name]}"), name)
     if name == "__version__":
-        return import_module("importlib.metadata").version("ruledgraph")
+        from importlib.metadata import version
+
+        return version("ruledgraph")
     raise AttributeError(f"module 'ruledgraph' has no attribute {name!r}")

@@ -16,7 +16,6 @@ from gtsam import noiseModel
 from numpy.typing import ArrayLike
 
 from ruledgraph_factors.errors import FactorError
-from ruledgraph_factors.jacobians import hand_over
 from ruledgraph_factors.kernel import active_kernel, native
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.motion import STANDARD_GRAVITY, FrameMotion
@@ -165,10 +164,11 @@ class _ErrorFunction:
         state = State(pose, velocity, bias, gravity, line, time_shift)
         value, jacobian = self._evaluate(state, H is not None)
         if H is not None and jacobian is not None:
-            blocks = [jacobian[:, columns] for columns in self._columns]
-            if by_direction is not None:
-                blocks[3] = blocks[3] @ by_direction
-            hand_over(H, blocks)
+            for i, columns in enumerate(self._columns):
+                block = jacobian[:, columns]
+                if by_direction is not None and columns is _GRAVITY:
+                    block = block @ by_direction
+                H[i] = block if block.flags.f_contiguous else np.asfortranarray(block)
         return value
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from gtsam import noiseModel
 
 from ruledgraph_factors.errors import FactorError
-from ruledgraph_factors.jacobians import hand_over
 from ruledgraph_factors.kernel import active_kernel, native
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.so3 import hat
@@ -58,7 +57,8 @@ def line_distance_factor(
         inside = min(max(phi, _STRAIGHT), 0.5 * math.pi - _STRAIGHT)
         slope = 2.0 / math.sin(2.0 * inside)
         if H is not None:
-            hand_over(H, [slope * by_pose[None], slope * by_line[None]])
+            H[0] = np.asfortranarray(slope * by_pose[None])
+            H[1] = np.asfortranarray(slope * by_line[None])
         return np.array([math.log(math.tan(inside)) + log_distance + slope * (phi - inside)])
 
     factor = gtsam.CustomFactor(noise_model, keys, error)
