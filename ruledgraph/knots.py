@@ -74,6 +74,8 @@ class Interval:
     """Lines that were compared with the estimate when the interval was the newest one ..."""
     misfits: int = 0
     """... and those of them whose points did not fit."""
+    offsets: list[float] = field(default_factory=list)
+    """How far the points of each were off on average, by what they should be."""
     _placed: tuple[gtsam.NavState, list[gtsam.Pose3]] | None = None
 
     @property

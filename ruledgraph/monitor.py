@@ -40,6 +40,9 @@ _PERSISTS = 1.5
 # has run away begins at 0.3 and is lost when it is there for so long, s, or beyond `_LOST`.
 _USUAL_MISFIT, _MOST_MISFIT, _FITTING = 0.1, 0.3, 0.2
 _LOST, _LOST_FOR = 0.5, 1.0
+# Lines are compared with their points in no fewer intervals in motion, and points of lines, than
+# so many. The median of the absolute value of a standard normal variable.
+_FEWEST_MOVING, _FEWEST_OFFSETS, _MEDIAN = 3, 20, 0.6745
 # Lines are parallel when all but this share of their directions' squares is along one; for so
 # long, s, and no fewer than so many.
 _SPREAD, _PARALLEL_FOR, _FEWEST_LINES = 0.02, 1.0, 2
@@ -121,8 +124,10 @@ class Trust:
         return float((error / _USUAL) ** _PERSISTS)
 
     def _compare_with_lines(self, window: Window, still: bool) -> float:
-        """Likewise the share of lines that do not fit; most of them, and it is lost."""
-        misfit = misfit_share(window)
+        """Likewise how far lines are from their points, and the share of those that do not fit;
+        most of them, and it is lost.
+        """
+        misfit, scale = misfit_share(window), line_scale(window)
         if misfit is not None:
             self._misfit = misfit
             if misfit > _MOST_MISFIT and self._misfit_since is None:
@@ -138,7 +143,8 @@ class Trust:
         # Where there are too few to judge by now, the others were lost; or nobody looks, at rest.
         judged = misfit is not None or not still
         self.lost = judged and self._misfit > (_MOST_MISFIT if is_long else _LOST)
-        return 1.0 if misfit is None else (misfit / _USUAL_MISFIT) ** 2
+        excess = 0.0 if scale is None else scale**2
+        return excess if misfit is None else max(excess, (misfit / _USUAL_MISFIT) ** 2)
 
     def _inflate(self, knot: Knot, excess: float, elapsed: float) -> None:
         disagreed, self.disagree = self.disagree, self._contradiction or self.misfits
@@ -234,6 +240,17 @@ def misfit_share(window: Window) -> float | None:
     judged = sum(interval.judged for interval in intervals)
     misfits = sum(interval.misfits for interval in intervals)
     return misfits / judged if judged >= _FEWEST_SEEN else None
+
+
+def line_scale(window: Window) -> float | None:
+    """How many times further off than they should be the last intervals' lines are, as a whole,
+    while the body moves; None if there are too few.
+    """
+    intervals = _last([i for i in window.intervals if i.offsets and not i.still], window)
+    offsets = [offset for interval in intervals for offset in interval.offsets]
+    if len(intervals) < _FEWEST_MOVING or len(offsets) < _FEWEST_OFFSETS:
+        return None
+    return float(np.median(np.abs(offsets))) / _MEDIAN
 
 
 def _last(intervals: Sequence[Interval], window: Window) -> Sequence[Interval]:

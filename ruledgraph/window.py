@@ -410,7 +410,10 @@ class Window:
             if factor.spec.keys[-1] != line.key or self.lines.get(line.track.number) is not line:
                 continue  # it was just re-anchored, or dropped
             value = factor.evaluate(at_knot._replace(line=line.delta), False).value
-            off = math.sqrt(float(value @ value) / points.weight) * self._focal
+            weight = points.weight
+            off = math.sqrt(float(value @ value) / weight) * self._focal
+            offset = points.mean_distance(value) * math.sqrt(weight) / self._deviation
+            interval.offsets.append(offset)
             misses = off > _BAD_MISFIT
             interval.judged += 1
             interval.misfits += misses

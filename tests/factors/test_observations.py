@@ -20,6 +20,18 @@ def test_statistics_equal_the_weighted_sum_over_points(count: int) -> None:
     assert np.allclose(np.tril(compressed.statistics[0], -1), 0.0)
 
 
+def test_mean_distance_is_the_weighted_mean_over_all_frames() -> None:
+    rng = np.random.default_rng(3)
+    points = [rng.normal(size=(count, 2)) * 0.4 for count in (1, 2, 15)]
+    weights = [rng.uniform(0.1, 2.0, size=len(own)) for own in points]
+    compressed = CompressedPoints.from_frames(points, weights)
+    lines = rng.normal(size=(3, 3))
+    residual = np.concatenate([C @ m for C, m in zip(compressed.statistics, lines, strict=True)])
+    distances = np.concatenate([own @ m[:2] + m[2] for own, m in zip(points, lines, strict=True)])
+    expected = np.average(distances, weights=np.concatenate(weights))
+    assert abs(compressed.mean_distance(residual) - expected) < 1e-14
+
+
 def test_effective_points_cap_a_frame_and_leave_lighter_ones() -> None:
     rng = np.random.default_rng(0)
     frames = [rng.normal(size=(200, 2)), rng.normal(size=(5, 2))]

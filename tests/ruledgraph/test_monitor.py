@@ -9,7 +9,7 @@ from ideal_tracks import CALIBRATION, MANY, ideal_tracks
 from ruledgraph.config import Config
 from ruledgraph.inertial import ImuBuffer
 from ruledgraph.knots import Start
-from ruledgraph.monitor import Trust, imu_error
+from ruledgraph.monitor import Trust, imu_error, line_scale
 from ruledgraph.segments import Drift
 from ruledgraph.timing import Messages
 from ruledgraph.window import Window
@@ -137,6 +137,30 @@ def test_nobody_looks_at_rest_so_nothing_is_lost_then():
     window.intervals[0].judged = window.intervals[-1].judged = 5
     trust.judge(window, True)
     assert not trust.misfits
+
+
+def test_points_that_are_off_by_what_they_should_be():
+    """Median of |z| over that of a normal variable; below 1, since the lines are fitted to them."""
+    window, _, _ = run()
+    scale = line_scale(window)
+    assert scale is not None
+    assert 0.5 < scale < 1.0
+
+
+def test_covariances_grow_with_how_far_lines_are_from_their_points():
+    window, trust, warnings = run()
+    for interval in window.intervals:
+        interval.offsets = [-3.0 * 0.6745, 3.0 * 0.6745, 1e3, 0.0, 3.0 * 0.6745]
+    trust.judge(window, False)
+    own = window.newest.covariances[0][3:, 3:]
+    np.testing.assert_allclose(shown(window, trust), 8.0 * own, rtol=1e-3)
+    assert warnings == []
+    # Nobody learns of it at rest, nor from a few.
+    for change in ({"still": True}, {"offsets": [3.0]}):
+        window, _, _ = run()
+        for interval in window.intervals:
+            vars(interval).update(change)
+        assert line_scale(window) is None
 
 
 def test_an_estimate_that_moves_while_the_body_rests_is_off_by_that():
