@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How far estimates may be believed beyond what the window says of them.
 
-Four things the window cannot know: that images and IMU contradict each other, where every factor
-is as certain as its noise figures say; that it is lost, where the robust loss gives up most lines
-and what is left agrees; that lines which are all parallel leave the motion along them to the IMU,
-where marginals of factors that were linearised elsewhere say otherwise; and that it moves a body
-which rests.
+Four things the window cannot know: that images and IMU contradict each other or lines miss their
+points, where every factor is as certain as its noise figures say; that it is lost, where the robust
+loss gives up most lines and what is left agrees; that lines which are all parallel leave the motion
+along them to the IMU, where marginals of factors that were linearised elsewhere say otherwise; and
+that it moves a body which rests.
 """
 
 from collections.abc import Sequence
@@ -66,6 +66,8 @@ class Trust:
         self._drift = drift
         self._warnings = warnings
         self._excess = 1.0
+        # The most that covariances of the place grew by so far, in the world.
+        self._open_place = np.zeros((3, 3))
         self._contradiction = False
         self._misfit = 0.0
         self._misfit_since: float | None = None
@@ -104,9 +106,16 @@ class Trust:
     ) -> Covariances:
         """Those of a state as the window gives them, made honest."""
         of_pose, of_velocity, of_bias = (self._excess * c for c in covariances)
-        open_place = self._open_along() + self._slid()
+        beyond = self._beyond(covariances[0], pose.rotation().matrix())
+        # What went wrong with the place stays, also where all fits again.
+        more = max(self._open_place, beyond, key=np.trace) - beyond
+        open_place = self._open_along() + self._slid() + more
         drift = replace(self._drift, place=self._drift.place + open_place)
         return drift.added((of_pose, of_velocity, of_bias), pose, velocity)
+
+    def _beyond(self, of_pose: FloatArray, R: FloatArray) -> FloatArray:
+        """Covariance of the place in the world, beyond what the window says."""
+        return np.asarray((self._excess - 1.0) * R @ of_pose[3:, 3:] @ R.T)
 
     # -- images, IMU and lines -------------------------------------------------------------------
 
@@ -148,19 +157,19 @@ class Trust:
 
     def _inflate(self, knot: Knot, excess: float, elapsed: float) -> None:
         disagreed, self.disagree = self.disagree, self._contradiction or self.misfits
+        R, of_pose = knot.state.attitude().matrix(), knot.covariances[0]
         if disagreed and not self.disagree:
             # What went wrong meanwhile stays.
-            R = knot.state.attitude().matrix()
-            of_pose, up = knot.covariances[0], R.T @ _UP
-            more = self._excess - 1.0
+            up = R.T @ _UP
             self._drift = self._drift.grown(
-                more * R @ of_pose[3:, 3:] @ R.T,
-                more * float(up @ of_pose[:3, :3] @ up),
+                max(self._open_place, self._beyond(of_pose, R), key=np.trace),
+                (self._excess - 1.0) * float(up @ of_pose[:3, :3] @ up),
                 knot.state.position(),
             )
-            self._excess = 1.0
+            self._excess, self._open_place = 1.0, np.zeros((3, 3))
         fading = 1.0 if self.disagree else float(np.exp(-elapsed / _FADES))
         self._excess = max(excess, fading * self._excess)
+        self._open_place = max(self._open_place, self._beyond(of_pose, R), key=np.trace)
 
     # -- parallel lines --------------------------------------------------------------------------
 

@@ -155,6 +155,16 @@ def test_covariances_grow_with_how_far_lines_are_from_their_points():
     own = window.newest.covariances[0][3:, 3:]
     np.testing.assert_allclose(shown(window, trust), 8.0 * own, rtol=1e-3)
     assert warnings == []
+    # What is wrong with the place by then stays, of velocity it is forgotten.
+    window.newest.time += 100.0
+    for interval in window.intervals:
+        interval.knot.time += 100.0
+        interval.offsets = 5 * [0.0]
+    trust.judge(window, False)
+    np.testing.assert_allclose(shown(window, trust), 8.0 * own, rtol=1e-3)
+    state = window.newest.state
+    reported = trust.covariances(window.newest.covariances, state.pose(), state.velocity())
+    np.testing.assert_allclose(reported[1], window.newest.covariances[1], rtol=1e-6)
     # Nobody learns of it at rest, nor from a few.
     for change in ({"still": True}, {"offsets": [3.0]}):
         window, _, _ = run()
