@@ -70,12 +70,11 @@ class Interval:
     still: bool = False
     """Whether the body rested all the time, and for some time before."""
     observations: list["Observation"] = field(default_factory=list)
-    judged: int = 0
-    """Lines that were compared with the estimate when the interval was the newest one ..."""
-    misfits: int = 0
-    """... and those of them whose points did not fit."""
     offsets: list[float] = field(default_factory=list)
-    """How far the points of each were off on average, by what they should be."""
+    """How far the points of each line that was compared with the estimate, when the interval was
+    the newest one, were off on average, by what they should be ..."""
+    misfits: int = 0
+    """... and how many of these lines did not fit their points."""
     _placed: tuple[gtsam.NavState, list[gtsam.Pose3]] | None = None
 
     @property

@@ -244,9 +244,9 @@ def imu_error(window: Window) -> float | None:
 def misfit_share(window: Window) -> float | None:
     """Share of the last intervals' lines that did not fit; None if there are too few."""
     # At rest most do not look at any.
-    looked = [i for i in window.intervals if i.judged or not i.still]
+    looked = [i for i in window.intervals if i.offsets or not i.still]
     intervals = _last(looked, window)
-    judged = sum(interval.judged for interval in intervals)
+    judged = sum(len(interval.offsets) for interval in intervals)
     misfits = sum(interval.misfits for interval in intervals)
     return misfits / judged if judged >= _FEWEST_SEEN else None
 

@@ -466,14 +466,18 @@ class Odometry(Output):
             stamps, poses = [window.first_stamp, *stamps], [knot.state.pose(), *poses]
         for stamp, pose in zip(stamps, poses, strict=True):
             live, velocity = self._live_by_stamp.pop(stamp, None), knot.state.velocity()
-            covariances = self._trust.covariances(knot.covariances, pose, velocity)
+            covariances = (
+                live.covariances
+                if live
+                else self._trust.covariances(knot.covariances, pose, velocity)
+            )
             self._smoothed.append(
                 Estimate(
                     stamp=stamp,
                     world_T_body=pose,
                     velocity=velocity,
                     bias=knot.bias,
-                    covariances=live.covariances if live else covariances,
+                    covariances=covariances,
                     lines=live.lines if live else 0,
                     status=live.status if live else otherwise,
                     at_knot=stamp == interval.stamps[-1],

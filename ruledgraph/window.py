@@ -415,7 +415,6 @@ class Window:
             offset = points.mean_distance(value) * math.sqrt(weight) / self._deviation
             interval.offsets.append(offset)
             misses = off > _BAD_MISFIT
-            interval.judged += 1
             interval.misfits += misses
             inverse, sigma = line.inverse_distance()
             bad = misses or inverse < -2.0 * sigma - 0.01

@@ -100,7 +100,7 @@ def judged(misfits: int):
     """A window that has been judged: so many of ten lines miss in each of its intervals."""
     window, trust, warnings = run()
     for interval in window.intervals:
-        interval.judged, interval.misfits = 10, misfits
+        interval.offsets, interval.misfits = 10 * [0.0], misfits
     trust.judge(window, False)
     return window, trust, warnings
 
@@ -130,11 +130,11 @@ def test_nobody_looks_at_rest_so_nothing_is_lost_then():
     window, trust, _ = judged(misfits=4)
     window.newest.time += 1.0
     for interval in window.intervals:
-        interval.judged, interval.misfits, interval.still = 0, 0, True
+        interval.offsets, interval.misfits, interval.still = [], 0, True
     trust.judge(window, True)
     assert not trust.lost
     # Two looks far from each other, at lines that fit: the share is of those.
-    window.intervals[0].judged = window.intervals[-1].judged = 5
+    window.intervals[0].offsets = window.intervals[-1].offsets = 5 * [0.0]
     trust.judge(window, True)
     assert not trust.misfits
 

@@ -61,6 +61,18 @@ def test_knots_held_still_are_counted_apart():
     assert found == {("moving", 1.0), ("held still", 0.1)}
 
 
+def test_what_has_no_error_is_far_off():
+    held = row("at rest", 0, 0.0)
+    held["still"] = 200 * [True]
+    assert all(line.endswith("| far |") for line in consistency.table([held]).splitlines()[2:])
+
+
+def test_a_setting_that_there_is_not():
+    result = CliRunner().invoke(consistency.main, ["--set", "edges.nothing=1"])
+    assert result.exit_code == 2
+    assert "no setting edges.nothing" in result.output
+
+
 def test_a_run_that_goes_on(tmp_path):
     out = tmp_path / "rows.jsonl"
     out.write_text("".join(json.dumps(row("at rest", seed, 1.0)) + "\n" for seed in range(2)))
