@@ -41,8 +41,12 @@ _PERSISTS = 1.5
 _USUAL_MISFIT, _MOST_MISFIT, _FITTING = 0.1, 0.3, 0.2
 _LOST, _LOST_FOR = 0.5, 1.0
 # Lines are compared with their points in no fewer intervals in motion, and points of lines, than
-# so many. The median of the absolute value of a standard normal variable.
-_FEWEST_MOVING, _FEWEST_OFFSETS, _MEDIAN = 3, 20, 0.6745
+# so many. The median of the absolute value of a standard normal variable. Lines of an interval
+# count as no fewer than so many.
+_FEWEST_MOVING, _FEWEST_OFFSETS, _MEDIAN, _FEWEST_DRAWS = 3, 20, 0.6745, 3
+# Where lines are closer to their points than they should be, covariances are this share of what
+# the window says: lines on rendered images are at a fifth, but the IMU's noise is as it is.
+_LEAST = 0.7
 # Lines are parallel when all but this share of their directions' squares is along one; for so
 # long, s, and no fewer than so many.
 _SPREAD, _PARALLEL_FOR, _FEWEST_LINES = 0.02, 1.0, 2
@@ -96,7 +100,7 @@ class Trust:
     def judge(self, window: Window, still: bool) -> None:
         """Take in the newest knot, optimised, and whether the body has been at rest until then."""
         elapsed, self._time = window.newest.time - self._time, window.newest.time
-        excess = max(1.0, self._compare_with_imu(window), self._compare_with_lines(window, still))
+        excess = max(self._compare_with_imu(window), self._compare_with_lines(window, still))
         self._inflate(window.newest, excess, elapsed)
         self._look_at_directions(window)
         self._watch_rest(window.newest.state.position(), still)
@@ -115,7 +119,7 @@ class Trust:
 
     def _beyond(self, of_pose: FloatArray, R: FloatArray) -> FloatArray:
         """Covariance of the place in the world, beyond what the window says."""
-        return np.asarray((self._excess - 1.0) * R @ of_pose[3:, 3:] @ R.T)
+        return np.asarray(max(self._excess - 1.0, 0.0) * R @ of_pose[3:, 3:] @ R.T)
 
     # -- images, IMU and lines -------------------------------------------------------------------
 
@@ -123,7 +127,7 @@ class Trust:
         """By how much the IMU factors' error says that covariances are too small."""
         error = imu_error(window)
         if error is None:
-            return 1.0
+            return 0.0
         if error > _MOST and not self._contradiction:
             self._warnings.append(
                 f"images and IMU disagree since {self._time:.2f} s: check time offset, extrinsics "
@@ -152,7 +156,7 @@ class Trust:
         # Where there are too few to judge by now, the others were lost; or nobody looks, at rest.
         judged = misfit is not None or not still
         self.lost = judged and self._misfit > (_MOST_MISFIT if is_long else _LOST)
-        excess = 0.0 if scale is None else scale**2
+        excess = 1.0 if scale is None else max(_LEAST, scale**2)
         return excess if misfit is None else max(excess, (misfit / _USUAL_MISFIT) ** 2)
 
     def _inflate(self, knot: Knot, excess: float, elapsed: float) -> None:
@@ -254,12 +258,16 @@ def misfit_share(window: Window) -> float | None:
 def line_scale(window: Window) -> float | None:
     """How many times further off than they should be the last intervals' lines are, as a whole,
     while the body moves; None if there are too few.
+
+    The median distance says it, and few lines say little: a variance that is known from n draws is
+    n / (n - 2) times theirs in the mean.
     """
     intervals = _last([i for i in window.intervals if i.offsets and not i.still], window)
     offsets = [offset for interval in intervals for offset in interval.offsets]
     if len(intervals) < _FEWEST_MOVING or len(offsets) < _FEWEST_OFFSETS:
         return None
-    return float(np.median(np.abs(offsets))) / _MEDIAN
+    lines = max(len(offsets) / len(intervals), _FEWEST_DRAWS)
+    return float(np.median(np.abs(offsets)) / _MEDIAN * np.sqrt(lines / (lines - 2.0)))
 
 
 def _last(intervals: Sequence[Interval], window: Window) -> Sequence[Interval]:
