@@ -10,6 +10,9 @@ from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
+# What waits is in about so many batches.
+_BATCHES = 4
+
 
 @dataclass(frozen=True)
 class _End:
@@ -19,8 +22,8 @@ class _End:
 
 
 @dataclass(frozen=True)
-class _Item(Generic[T]):
-    value: T
+class _Items(Generic[T]):
+    values: list[T]
 
 
 def ahead(items: Iterable[T], prepare: Callable[[T], object], most: int) -> Iterator[T]:
@@ -29,15 +32,17 @@ def ahead(items: Iterable[T], prepare: Callable[[T], object], most: int) -> Iter
     Args:
         items: used by that thread alone.
         prepare: called with each item there.
-        most: how many items the thread may be ahead.
+        most: how many items the thread may be ahead, a batch more or less.
 
     Raises:
         Exception: whatever `items` or `prepare` raises, after the items before it.
     """
-    waiting: queue.Queue[_Item[T] | _End] = queue.Queue(most)
+    # In batches: whenever one thread wakes another, both wait for the interpreter.
+    together = max(most // _BATCHES, 1)
+    waiting: queue.Queue[_Items[T] | _End] = queue.Queue(most // together)
     stop = threading.Event()
 
-    def put(entry: _Item[T] | _End) -> None:
+    def put(entry: _Items[T] | _End) -> None:
         while not stop.is_set():
             try:
                 waiting.put(entry, timeout=0.1)
@@ -46,17 +51,22 @@ def ahead(items: Iterable[T], prepare: Callable[[T], object], most: int) -> Iter
             return
 
     def read() -> None:
+        batch: list[T] = []
+        error: BaseException | None = None
         try:
             for item in items:
                 if stop.is_set():
                     return
                 prepare(item)
-                put(_Item(item))
-        except BaseException as error:  # noqa: BLE001 - raised where the items are used
-            put(_End(error))
-        else:
-            put(_End(None))
+                batch.append(item)
+                if len(batch) == together:
+                    put(_Items(batch))
+                    batch = []
+        except BaseException as trouble:  # noqa: BLE001 - raised where the items are used
+            error = trouble
         finally:
+            put(_Items(batch))
+            put(_End(error))
             # Here: what it reads from may be bound to this thread.
             if isinstance(items, Generator):
                 items.close()
@@ -64,8 +74,8 @@ def ahead(items: Iterable[T], prepare: Callable[[T], object], most: int) -> Iter
     thread = threading.Thread(target=read, name="ahead", daemon=True)
     thread.start()
     try:
-        while isinstance(entry := waiting.get(), _Item):
-            yield entry.value
+        while isinstance(entry := waiting.get(), _Items):
+            yield from entry.values
         if entry.error is not None:
             raise entry.error
     finally:
