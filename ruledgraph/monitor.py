@@ -81,6 +81,8 @@ class Trust:
         self._time = 0.0
         self._rest: FloatArray | None = None
         self._slide = np.zeros(3)
+        # What is open of place and heading for all that is known by now.
+        self._open = drift
         self.disagree = False
         """Whether images and IMU do, or lines and estimate."""
         self.lost = False
@@ -104,21 +106,22 @@ class Trust:
         self._inflate(window.newest, excess, elapsed)
         self._look_at_directions(window)
         self._watch_rest(window.newest.state.position(), still)
+        beyond = self._beyond(window.newest)
+        # What went wrong with the place stays, also where all fits again.
+        more = max(self._open_place, beyond, key=np.trace) - beyond
+        place = self._drift.place + self._open_along() + self._slid() + more
+        self._open = replace(self._drift, place=place)
 
     def covariances(
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
     ) -> Covariances:
         """Those of a state as the window gives them, made honest."""
         of_pose, of_velocity, of_bias = (self._excess * c for c in covariances)
-        beyond = self._beyond(covariances[0], pose.rotation().matrix())
-        # What went wrong with the place stays, also where all fits again.
-        more = max(self._open_place, beyond, key=np.trace) - beyond
-        open_place = self._open_along() + self._slid() + more
-        drift = replace(self._drift, place=self._drift.place + open_place)
-        return drift.added((of_pose, of_velocity, of_bias), pose, velocity)
+        return self._open.added((of_pose, of_velocity, of_bias), pose, velocity)
 
-    def _beyond(self, of_pose: FloatArray, R: FloatArray) -> FloatArray:
-        """Covariance of the place in the world, beyond what the window says."""
+    def _beyond(self, knot: Knot) -> FloatArray:
+        """Covariance of its place in the world, beyond what the window says."""
+        R, of_pose = knot.state.attitude().matrix(), knot.covariances[0]
         return np.asarray(max(self._excess - 1.0, 0.0) * R @ of_pose[3:, 3:] @ R.T)
 
     # -- images, IMU and lines -------------------------------------------------------------------
@@ -161,19 +164,18 @@ class Trust:
 
     def _inflate(self, knot: Knot, excess: float, elapsed: float) -> None:
         disagreed, self.disagree = self.disagree, self._contradiction or self.misfits
-        R, of_pose = knot.state.attitude().matrix(), knot.covariances[0]
         if disagreed and not self.disagree:
             # What went wrong meanwhile stays.
-            up = R.T @ _UP
+            up = knot.state.attitude().matrix().T @ _UP
             self._drift = self._drift.grown(
-                max(self._open_place, self._beyond(of_pose, R), key=np.trace),
-                (self._excess - 1.0) * float(up @ of_pose[:3, :3] @ up),
+                max(self._open_place, self._beyond(knot), key=np.trace),
+                (self._excess - 1.0) * float(up @ knot.covariances[0][:3, :3] @ up),
                 knot.state.position(),
             )
             self._excess, self._open_place = 1.0, np.zeros((3, 3))
         fading = 1.0 if self.disagree else float(np.exp(-elapsed / _FADES))
         self._excess = max(excess, fading * self._excess)
-        self._open_place = max(self._open_place, self._beyond(of_pose, R), key=np.trace)
+        self._open_place = max(self._open_place, self._beyond(knot), key=np.trace)
 
     # -- parallel lines --------------------------------------------------------------------------
 

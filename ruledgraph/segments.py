@@ -56,14 +56,15 @@ class Drift:
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
     ) -> Covariances:
         """Covariances of a state with this in them."""
-        if self.heading == 0.0 and not self.place.any():
-            return covariances  # nothing is open in the first segment
         of_pose, of_velocity, of_bias = covariances
         R = pose.rotation().matrix()
+        of_pose = of_pose.copy()
+        of_pose[3:, 3:] += R.T @ self.place @ R
+        if self.heading == 0.0:
+            return of_pose, of_velocity, of_bias
         arm = np.cross(_UP, pose.translation() - self.about)
         by_heading = np.concatenate([R.T @ _UP, R.T @ arm])
-        of_pose = of_pose + self.heading * np.outer(by_heading, by_heading)
-        of_pose[3:, 3:] += R.T @ self.place @ R
+        of_pose += self.heading * np.outer(by_heading, by_heading)
         turned = np.cross(_UP, velocity)
         return of_pose, of_velocity + self.heading * np.outer(turned, turned), of_bias
 
