@@ -70,8 +70,9 @@ class Trust:
         self._drift = drift
         self._warnings = warnings
         self._excess = 1.0
-        # The most that covariances of the place grew by so far, in the world.
+        # What the covariance of the place grew by so far, in the world; its largest trace without.
         self._open_place = np.zeros((3, 3))
+        self._largest = 0.0
         self._contradiction = False
         self._misfit = 0.0
         self._misfit_since: float | None = None
@@ -175,7 +176,16 @@ class Trust:
             self._excess, self._open_place = 1.0, np.zeros((3, 3))
         fading = 1.0 if self.disagree else float(np.exp(-elapsed / _FADES))
         self._excess = max(excess, fading * self._excess)
-        self._open_place = max(self._open_place, self._beyond(knot), key=np.trace)
+        self._keep_open(knot)
+
+    def _keep_open(self, knot: Knot) -> None:
+        """What went wrong with the place stays: as much as now, and what comes on top as it drifts
+        on.
+        """
+        beyond, trace = self._beyond(knot), float(np.trace(knot.covariances[0][3:, 3:]))
+        drifted = max(1.0 - self._largest / trace, 0.0)
+        self._open_place = max(self._open_place + drifted * beyond, beyond, key=np.trace)
+        self._largest = max(self._largest, trace)
 
     # -- parallel lines --------------------------------------------------------------------------
 

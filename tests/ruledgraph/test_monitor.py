@@ -203,6 +203,21 @@ def test_covariances_grow_with_how_far_lines_are_from_their_points():
         assert line_scale(window) is None
 
 
+def test_a_place_that_drifts_on_is_further_off():
+    """Each part of its covariance by what was wrong when it came."""
+    window, trust, _ = run()
+    own = 1e4 * window.newest.covariances[0][3:, 3:]  # more than there ever was
+    for times, scale in ((1.0, 3.0), (2.0, 2.0), (2.0, 1.0), (1.5, 2.0)):
+        window.newest.covariances[0][3:, 3:] = times * own
+        window.newest.time += 100.0
+        for interval in window.intervals:
+            interval.knot.time += 100.0
+            interval.offsets = 1000 * [scale * 0.6745]
+        trust.judge(window, False)
+    # Nine times the first part, four times the second; nothing was new after that.
+    np.testing.assert_allclose(shown(window, trust), (8.0 + 3.0) * own, rtol=0.01)
+
+
 def test_an_estimate_that_moves_while_the_body_rests_is_off_by_that():
     window, trust, warnings = run()
     knot = window.newest
