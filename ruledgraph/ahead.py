@@ -10,8 +10,9 @@ from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
-# What waits is in about so many batches.
-_BATCHES = 4
+# Items go from thread to thread in batches: whenever one wakes the other, both wait for the
+# interpreter. So many hold all that may be ahead.
+_BATCHES = 8
 
 
 @dataclass(frozen=True)
@@ -32,14 +33,15 @@ def ahead(items: Iterable[T], prepare: Callable[[T], object], most: int) -> Iter
     Args:
         items: used by that thread alone.
         prepare: called with each item there.
-        most: how many items the thread may be ahead, a batch more or less.
+        most: how many items the thread may be ahead. They come in batches of an eighth of that, so
+            that the first one waits for some more.
 
     Raises:
         Exception: whatever `items` or `prepare` raises, after the items before it.
     """
-    # In batches: whenever one thread wakes another, both wait for the interpreter.
     together = max(most // _BATCHES, 1)
-    waiting: queue.Queue[_Items[T] | _End] = queue.Queue(most // together)
+    # One batch is in use, and one waits to be put.
+    waiting: queue.Queue[_Items[T] | _End] = queue.Queue(max(most // together - 2, 1))
     stop = threading.Event()
 
     def put(entry: _Items[T] | _End) -> None:

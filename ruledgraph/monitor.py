@@ -41,12 +41,11 @@ _PERSISTS = 1.5
 _USUAL_MISFIT, _MOST_MISFIT, _FITTING = 0.1, 0.3, 0.2
 _LOST, _LOST_FOR = 0.5, 1.0
 # Lines are compared with their points in no fewer intervals in motion, and points of lines, than
-# so many. The median of the absolute value of a standard normal variable. Lines of an interval
-# count as no fewer than so many.
-_FEWEST_MOVING, _FEWEST_OFFSETS, _MEDIAN, _FEWEST_DRAWS = 3, 20, 0.6745, 3
-# Where lines are closer to their points than they should be, covariances are this share of what
-# the window says: lines on rendered images are at a fifth, but the IMU's noise is as it is.
-_LEAST = 0.7
+# so many. The median of the absolute value of a standard normal variable.
+_FEWEST_MOVING, _FEWEST_OFFSETS, _MEDIAN = 3, 20, 0.6745
+# Where lines are closer to their points than they should be, covariances are no less than this
+# share of what the window says: on rendered images lines are at a fifth, the IMU's noise is not.
+_LEAST = 0.65
 # Lines are parallel when all but this share of their directions' squares is along one; for so
 # long, s, and no fewer than so many.
 _SPREAD, _PARALLEL_FOR, _FEWEST_LINES = 0.02, 1.0, 2
@@ -69,10 +68,11 @@ class Trust:
         self._body_T_cam = body_T_cam
         self._drift = drift
         self._warnings = warnings
-        self._excess = 1.0
-        # What the covariance of the place grew by so far, in the world; its largest trace without.
-        self._open_place = np.zeros((3, 3))
-        self._largest = 0.0
+        # Of the window's covariances: the share that stays where lines fit better than they should,
+        # and how many times as large they are for all that is wrong.
+        self._fit = self._excess = 1.0
+        # In the world: the place's covariance by the window so far, and what it grew by.
+        self._record = self._open_place = np.zeros((3, 3))
         self._contradiction = False
         self._misfit = 0.0
         self._misfit_since: float | None = None
@@ -103,13 +103,11 @@ class Trust:
     def judge(self, window: Window, still: bool) -> None:
         """Take in the newest knot, optimised, and whether the body has been at rest until then."""
         elapsed, self._time = window.newest.time - self._time, window.newest.time
-        excess = max(self._compare_with_imu(window), self._compare_with_lines(window, still))
+        excess = max(1.0, self._compare_with_imu(window), self._compare_with_lines(window, still))
         self._inflate(window.newest, excess, elapsed)
         self._look_at_directions(window)
         self._watch_rest(window.newest.state.position(), still)
-        beyond = self._beyond(window.newest)
-        # What went wrong with the place stays, also where all fits again.
-        more = max(self._open_place, beyond, key=np.trace) - beyond
+        more = self._open_place - (self._excess - 1.0) * _of_place(window.newest)
         place = self._drift.place + self._open_along() + self._slid() + more
         self._open = replace(self._drift, place=place)
 
@@ -117,13 +115,11 @@ class Trust:
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
     ) -> Covariances:
         """Those of a state as the window gives them, made honest."""
-        of_pose, of_velocity, of_bias = (self._excess * c for c in covariances)
-        return self._open.added((of_pose, of_velocity, of_bias), pose, velocity)
-
-    def _beyond(self, knot: Knot) -> FloatArray:
-        """Covariance of its place in the world, beyond what the window says."""
-        R, of_pose = knot.state.attitude().matrix(), knot.covariances[0]
-        return np.asarray(max(self._excess - 1.0, 0.0) * R @ of_pose[3:, 3:] @ R.T)
+        of_pose, of_velocity, of_bias = covariances
+        # Of the bias lines say little.
+        times = self._fit + self._excess - 1.0
+        scaled = times * of_pose, times * of_velocity, self._excess * of_bias
+        return self._open.added(scaled, pose, velocity)
 
     # -- images, IMU and lines -------------------------------------------------------------------
 
@@ -131,7 +127,7 @@ class Trust:
         """By how much the IMU factors' error says that covariances are too small."""
         error = imu_error(window)
         if error is None:
-            return 0.0
+            return 1.0
         if error > _MOST and not self._contradiction:
             self._warnings.append(
                 f"images and IMU disagree since {self._time:.2f} s: check time offset, extrinsics "
@@ -160,32 +156,29 @@ class Trust:
         # Where there are too few to judge by now, the others were lost; or nobody looks, at rest.
         judged = misfit is not None or not still
         self.lost = judged and self._misfit > (_MOST_MISFIT if is_long else _LOST)
-        excess = 1.0 if scale is None else max(_LEAST, scale**2)
+        excess = 1.0 if scale is None else scale**2
+        self._fit = min(max(excess, _LEAST), 1.0)
         return excess if misfit is None else max(excess, (misfit / _USUAL_MISFIT) ** 2)
 
     def _inflate(self, knot: Knot, excess: float, elapsed: float) -> None:
         disagreed, self.disagree = self.disagree, self._contradiction or self.misfits
+        place = _of_place(knot)
         if disagreed and not self.disagree:
             # What went wrong meanwhile stays.
             up = knot.state.attitude().matrix().T @ _UP
             self._drift = self._drift.grown(
-                max(self._open_place, self._beyond(knot), key=np.trace),
+                _enclosing(self._open_place, (self._excess - 1.0) * place),
                 (self._excess - 1.0) * float(up @ knot.covariances[0][:3, :3] @ up),
                 knot.state.position(),
             )
             self._excess, self._open_place = 1.0, np.zeros((3, 3))
         fading = 1.0 if self.disagree else float(np.exp(-elapsed / _FADES))
         self._excess = max(excess, fading * self._excess)
-        self._keep_open(knot)
-
-    def _keep_open(self, knot: Knot) -> None:
-        """What went wrong with the place stays: as much as now, and what comes on top as it drifts
-        on.
-        """
-        beyond, trace = self._beyond(knot), float(np.trace(knot.covariances[0][3:, 3:]))
-        drifted = max(1.0 - self._largest / trace, 0.0)
-        self._open_place = max(self._open_place + drifted * beyond, beyond, key=np.trace)
-        self._largest = max(self._largest, trace)
+        # What went wrong with the place stays: as much as now, and what comes as it drifts on.
+        record = _enclosing(self._record, place)
+        came = (self._excess - 1.0) * (record - self._record)
+        self._open_place = _enclosing(self._open_place + came, (self._excess - 1.0) * place)
+        self._record = record
 
     # -- parallel lines --------------------------------------------------------------------------
 
@@ -270,16 +263,24 @@ def misfit_share(window: Window) -> float | None:
 def line_scale(window: Window) -> float | None:
     """How many times further off than they should be the last intervals' lines are, as a whole,
     while the body moves; None if there are too few.
-
-    The median distance says it, and few lines say little: a variance that is known from n draws is
-    n / (n - 2) times theirs in the mean.
     """
     intervals = _last([i for i in window.intervals if i.offsets and not i.still], window)
     offsets = [offset for interval in intervals for offset in interval.offsets]
     if len(intervals) < _FEWEST_MOVING or len(offsets) < _FEWEST_OFFSETS:
         return None
-    lines = max(len(offsets) / len(intervals), _FEWEST_DRAWS)
-    return float(np.median(np.abs(offsets)) / _MEDIAN * np.sqrt(lines / (lines - 2.0)))
+    return float(np.median(np.abs(offsets))) / _MEDIAN
+
+
+def _of_place(knot: Knot) -> FloatArray:
+    """Covariance of the body's place in the world, as the window gives it."""
+    R = knot.state.attitude().matrix()
+    return np.asarray(R @ knot.covariances[0][3:, 3:] @ R.T)
+
+
+def _enclosing(one: FloatArray, other: FloatArray) -> FloatArray:
+    """A covariance that is nowhere smaller than either."""
+    values, vectors = np.linalg.eigh(one - other)
+    return np.asarray(other + (vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def _last(intervals: Sequence[Interval], window: Window) -> Sequence[Interval]:

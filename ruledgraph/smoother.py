@@ -155,6 +155,7 @@ class FixedLagSmoother:
     def covariance(self, key: int) -> FloatArray | None:
         """Marginal covariance of a variable, None when it cannot be computed."""
         try:
-            return np.asarray(self._smoother.marginalCovariance(key))
+            found = np.asarray(self._smoother.marginalCovariance(key))
         except (RuntimeError, IndexError):
             return None
+        return found if np.isfinite(found).all() else None

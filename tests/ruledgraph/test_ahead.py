@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 
 import threading
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -40,35 +41,46 @@ def test_what_it_reads_from_is_closed_where_it_was_read():
     assert threading.current_thread() not in closed
 
 
-def test_it_is_never_further_ahead_than_allowed():
+@pytest.mark.parametrize(("most", "bound"), [(5, 5), (64, 64)])
+def test_it_is_never_further_ahead_than_allowed(most, bound):
     taken = []
 
     def items() -> Iterator[int]:
-        for i in range(50):
+        for i in range(300):
             taken.append(i)
             yield i
 
-    for used, _ in enumerate(ahead(items(), lambda _: None, 5)):
-        # The one in hand, five waiting, one that waits to be put.
-        assert len(taken) <= used + 7
+    furthest = 0
+    for used, _ in enumerate(ahead(items(), lambda _: None, most)):
+        if used % 50 == 10:
+            time.sleep(0.05)  # for the thread to go as far as it may
+        furthest = max(furthest, len(taken) - (used + 1))
+    assert bound / 2 < furthest <= bound
 
 
-def test_an_error_comes_after_the_items_before_it():
+@pytest.mark.parametrize("count", [0, 7, 64, 1007])
+def test_whole_batches_and_the_rest(count):
+    assert list(ahead(range(count), lambda _: None, 64)) == list(range(count))
+
+
+@pytest.mark.parametrize("most", [4, 64])
+def test_an_error_comes_after_the_items_before_it(most):
     def items() -> Iterator[int]:
-        yield 1
+        yield from range(21)
         raise ValueError("broken")
 
-    reading = ahead(items(), lambda _: None, 4)
-    assert next(reading) == 1
+    reading = ahead(items(), lambda _: None, most)
+    assert [next(reading) for _ in range(21)] == list(range(21))
     with pytest.raises(ValueError, match="broken"):
         next(reading)
     with pytest.raises(ZeroDivisionError):
-        list(ahead([0], lambda x: 1 // x, 4))
+        list(ahead([0], lambda x: 1 // x, most))
 
 
 def test_the_thread_ends_when_nobody_wants_more():
     before = threading.active_count()
-    for item in ahead(iter(range(10**9)), lambda _: None, 4):
-        if item == 10:
-            break
-    assert threading.active_count() == before
+    for most in (4, 64):
+        for item in ahead(iter(range(10**9)), lambda _: None, most):
+            if item == 10:
+                break
+        assert threading.active_count() == before

@@ -72,7 +72,7 @@ def test_images_and_imu_that_agree(noise_times):
     own = window.newest.covariances[0][3:, 3:]
     share = 1.0 + shown(window, trust)[0, 0] / own[0, 0]
     np.testing.assert_allclose(shown(window, trust), (share - 1.0) * own)
-    assert 0.69 < share < 1.0
+    assert 0.64 < share < 1.0
 
 
 def test_stamps_that_are_off_are_told():
@@ -151,23 +151,13 @@ def test_points_that_are_off_by_what_they_should_be():
     assert 0.5 < scale < 1.0
 
 
-@pytest.mark.parametrize(("lines", "times"), [(50, 50 / 48), (10, 10 / 8), (4, 2.0), (2, 3.0)])
-def test_few_lines_say_little_of_how_far_they_are_off(lines, times):
-    window, _, _ = run()
-    for interval in window.intervals:
-        interval.offsets = lines * [0.6745]
-    while len(window.intervals) * lines < 20:
-        window.intervals.append(window.intervals[-1])
-    assert line_scale(window) == pytest.approx(np.sqrt(times))
-
-
 def test_covariances_shrink_no_further_than_the_imu_allows():
     window, trust, _ = judged(misfits=0)
     own = window.newest.covariances[0][3:, 3:]
     for elapsed in (100.0, 200.0):
         window.newest.time = elapsed
         trust.judge(window, False)
-        np.testing.assert_allclose(shown(window, trust), -0.3 * own, rtol=1e-9)
+        np.testing.assert_allclose(shown(window, trust), -0.35 * own, rtol=1e-9)
     # Nobody looks at rest.
     for interval in window.intervals:
         interval.still = True
@@ -181,17 +171,15 @@ def test_covariances_grow_with_how_far_lines_are_from_their_points():
         interval.offsets = 3 * [-3.0 * 0.6745, 3.0 * 0.6745, 1e3, 0.0, 3.0 * 0.6745]
     trust.judge(window, False)
     own = window.newest.covariances[0][3:, 3:]
-    # Nine times, and fifteen lines are few.
-    grown = 9.0 * 15 / 13
-    np.testing.assert_allclose(shown(window, trust), (grown - 1.0) * own, rtol=1e-3)
+    np.testing.assert_allclose(shown(window, trust), 8.0 * own, rtol=1e-3)
     assert warnings == []
     # What is wrong with the place by then stays, of velocity it is forgotten.
     window.newest.time += 100.0
     for interval in window.intervals:
         interval.knot.time += 100.0
-        interval.offsets = 15 * [0.6745 * np.sqrt(13 / 15)]
+        interval.offsets = 15 * [0.6745]
     trust.judge(window, False)
-    np.testing.assert_allclose(shown(window, trust), (grown - 1.0) * own, rtol=1e-3)
+    np.testing.assert_allclose(shown(window, trust), 8.0 * own, rtol=1e-3)
     state = window.newest.state
     reported = trust.covariances(window.newest.covariances, state.pose(), state.velocity())
     np.testing.assert_allclose(reported[1], window.newest.covariances[1], rtol=1e-6)
@@ -216,6 +204,28 @@ def test_a_place_that_drifts_on_is_further_off():
         trust.judge(window, False)
     # Nine times the first part, four times the second; nothing was new after that.
     np.testing.assert_allclose(shown(window, trust), (8.0 + 3.0) * own, rtol=0.01)
+
+
+def test_covariances_stay_covariances_while_the_body_turns():
+    """What is open from before, along one axis, and what is now, along another; a frame between
+    knots looks elsewhere.
+    """
+    window, trust, _ = run()
+    for scale, axes in ((30.0, [1.0, 1e-3, 1e-3]), (20.0, [1e-3, 1.0, 1e-3])):
+        window.newest.covariances[0][:] = np.diag([1e-4, 1e-4, 1e-4, *axes])
+        window.newest.time += 100.0
+        for interval in window.intervals:
+            interval.knot.time += 100.0
+            interval.offsets = 1000 * [scale * 0.6745]
+        trust.judge(window, False)
+    state = window.newest.state
+    for angle in np.linspace(0.0, np.pi, 7):
+        pose = state.pose().compose(gtsam.Pose3(gtsam.Rot3.Rz(angle), np.zeros(3)))
+        of_pose = trust.covariances(window.newest.covariances, pose, state.velocity())[0]
+        assert np.linalg.eigvalsh(of_pose)[0] > 0.0
+        # At the knot no part of either is lost.
+        if angle == 0.0:
+            assert np.all(of_pose.diagonal()[3:5] > [0.99 * 900.0, 0.99 * 400.0])
 
 
 def test_an_estimate_that_moves_while_the_body_rests_is_off_by_that():
