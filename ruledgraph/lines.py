@@ -86,8 +86,7 @@ class GraphLine:
         """End points as far as the line was seen; None without a finite line."""
         if not self._reach:
             return None
-        reach = np.array(self._reach)
-        extent = [np.quantile(reach[:, 0], _STRAY), np.quantile(reach[:, 1], 1.0 - _STRAY)]
+        extent = np.diagonal(np.quantile(self._reach, [_STRAY, 1.0 - _STRAY], axis=0))
         try:
             ends, jacobian = self.chart.end_points(self.delta, extent)
         except FactorError:

@@ -8,7 +8,7 @@ first, right perturbation), so that they stand beside native factors in any grap
 """
 
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import gtsam
 import numpy as np
@@ -48,19 +48,45 @@ _COLUMNS: dict[Form, tuple[slice, ...]] = {
 Evaluate: TypeAlias = Callable[[State, bool], Residual]
 """All the arithmetic of a factor: its residual at a state, with the Jacobian if asked for."""
 
+_Write: TypeAlias = Callable[[State, FloatArray, FloatArray | None], None]
+# The same into a residual (rows,) and, unless None, a Jacobian (rows, columns) of Fortran order.
+
 
 def evaluation(spec: RuledSurfaceSpec) -> Evaluate:
     """The arithmetic of the factor that `spec` describes, by the active kernel."""
-    return _in_native(spec) if active_kernel() == "native" else _in_numpy(spec)
+    return _evaluation(spec, _writing(spec))
 
 
-def _in_numpy(spec: RuledSurfaceSpec) -> Evaluate:
-    geometry = Geometry(spec.chart, spec.motion, spec.body_T_cam)
-
+def _evaluation(spec: RuledSurfaceSpec, write: _Write) -> Evaluate:
     def evaluate(state: State, want_jacobian: bool) -> Residual:
-        return spec.points.residual(geometry.line_in_cameras(state, want_jacobian))
+        value = np.empty(spec.points.rows)
+        jacobian = _jacobian(spec) if want_jacobian else None
+        write(state, value, jacobian)
+        return Residual(value, jacobian)
 
     return evaluate
+
+
+def _jacobian(spec: RuledSurfaceSpec) -> FloatArray:
+    """Room for one, without meaning."""
+    columns = COLUMNS if spec.motion.time_jacobian is None else COLUMNS_WITH_TIME
+    return np.empty((spec.points.rows, columns), order="F")
+
+
+def _writing(spec: RuledSurfaceSpec) -> _Write:
+    if active_kernel() == "native":
+        surface = native_surface(spec)
+        return lambda state, value, jacobian: surface.evaluate(*state, value, jacobian)
+    geometry = Geometry(spec.chart, spec.motion, spec.body_T_cam)
+
+    def write(state: State, value: FloatArray, jacobian: FloatArray | None) -> None:
+        line = geometry.line_in_cameras(state, jacobian is not None)
+        found = spec.points.residual(line)
+        value[:] = found.value
+        if jacobian is not None:
+            jacobian[:] = found.jacobian
+
+    return write
 
 
 def native_surface(
@@ -84,19 +110,6 @@ def native_surface(
     return native.ReprojectionSurface(geometry, points.points, points.sqrt_weights, points.frame)
 
 
-def _in_native(spec: RuledSurfaceSpec) -> Evaluate:
-    surface, rows = native_surface(spec), spec.points.rows
-    columns = COLUMNS if spec.motion.time_jacobian is None else COLUMNS_WITH_TIME
-
-    def evaluate(state: State, want_jacobian: bool) -> Residual:
-        value = np.empty(rows)
-        jacobian = np.empty((rows, columns), order="F") if want_jacobian else None
-        surface.evaluate(*state, value, jacobian)
-        return Residual(value, jacobian)
-
-    return evaluate
-
-
 class RuledSurfaceFactor(gtsam.CustomFactor):
     """The factor that a spec describes.
 
@@ -106,11 +119,11 @@ class RuledSurfaceFactor(gtsam.CustomFactor):
     """
 
     def __init__(self, spec: RuledSurfaceSpec) -> None:
-        evaluate = evaluation(spec)
-        super().__init__(spec.noise_model, list(spec.keys), _ErrorFunction(spec, evaluate))
+        write = _writing(spec)
+        super().__init__(spec.noise_model, list(spec.keys), _ErrorFunction(spec, write))
         self.spec = spec
         """The plain data this factor was built from."""
-        self.evaluate: Evaluate = evaluate
+        self.evaluate: Evaluate = _evaluation(spec, write)
         """The residual, and its Jacobian if asked for, at any state, without a graph."""
         if self.dim() != spec.points.rows:
             kind = "3 for each frame" if isinstance(spec.points, CompressedPoints) else "2 a point"
@@ -130,17 +143,32 @@ class RuledSurfaceFactor(gtsam.CustomFactor):
         return self.clone()
 
 
+class _Room(NamedTuple):
+    """For a Jacobian, and views of it: the columns of each key."""
+
+    jacobian: FloatArray
+    blocks: list[FloatArray]
+
+    @classmethod
+    def of(cls, spec: RuledSurfaceSpec) -> "_Room":
+        jacobian = _jacobian(spec)
+        return cls(jacobian, [jacobian[:, columns] for columns in _COLUMNS[spec.form]])
+
+
 class _ErrorFunction:
     """The callback GTSAM keeps. It holds no reference to the factor: that would be a cycle through
     C++ which Python's collector cannot see.
     """
 
-    def __init__(self, spec: RuledSurfaceSpec, evaluate: Evaluate) -> None:
+    def __init__(self, spec: RuledSurfaceSpec, write: _Write) -> None:
         self._form = spec.form
-        self._columns = _COLUMNS[spec.form]
         self._gravity = spec.gravity
         self._magnitude = float(np.linalg.norm(spec.gravity))
-        self._evaluate = evaluate
+        self._write = write
+        self._rows = spec.points.rows
+        self._spec = spec
+        # GTSAM copies the blocks, so that they serve again; not while another thread has them.
+        self._rooms: list[_Room] = []
 
     def __call__(
         self, this: gtsam.CustomFactor, values: gtsam.Values, H: list[FloatArray] | None
@@ -150,34 +178,45 @@ class _ErrorFunction:
         velocity, bias, gravity = _NO_VELOCITY, _NO_BIAS, self._gravity
         by_direction, time_shift = None, 0.0
         if form != "pose":
-            velocity = _vector(values, keys[1], 3)
+            velocity = values.atVector(keys[1])
             bias = values.atConstantBias(keys[2]).vector()
             if form == "knot_gravity_direction":
                 direction = values.atUnit3(keys[3])
                 gravity = self._magnitude * direction.unitVector()
                 by_direction = self._magnitude * direction.basis()
             elif form == "knot_gravity_vector":
-                gravity = _vector(values, keys[3], 3)
+                gravity = values.atVector(keys[3])
             elif form == "knot_time_offset":
                 time_shift = values.atDouble(keys[3])
-        pose, line = values.atPose3(keys[0]).matrix(), _vector(values, keys[-1], 4)
+        pose, line = values.atPose3(keys[0]).matrix(), values.atVector(keys[-1])
+        if velocity.size != 3 or gravity.size != 3 or line.size != 4:
+            raise _wrong_size(keys, {1: velocity, 3: gravity, -1: line})
         state = State(pose, velocity, bias, gravity, line, time_shift)
-        value, jacobian = self._evaluate(state, H is not None)
-        if H is not None and jacobian is not None:
-            for i, columns in enumerate(self._columns):
-                block = jacobian[:, columns]
-                if by_direction is not None and columns is _GRAVITY:
-                    block = block @ by_direction
-                H[i] = block if block.flags.f_contiguous else np.asfortranarray(block)
+        value = np.empty(self._rows)
+        if H is None:
+            self._write(state, value, None)
+            return value
+        try:
+            room = self._rooms.pop()
+        except IndexError:
+            room = _Room.of(self._spec)
+        self._write(state, value, room.jacobian)
+        for i, block in enumerate(room.blocks):
+            H[i] = block
+        if by_direction is not None:
+            H[3] = np.asfortranarray(room.blocks[3] @ by_direction)
+        self._rooms.append(room)
         return value
 
 
-def _vector(values: gtsam.Values, key: int, size: int) -> FloatArray:
-    vector = values.atVector(key)
-    if vector.size != size:
-        name = gtsam.DefaultKeyFormatter(key)
-        raise FactorError(f"{name} must hold a vector of {size}, not of {vector.size}")
-    return vector
+def _wrong_size(keys: list[int], vectors: dict[int, FloatArray]) -> FactorError:
+    """Of the first of the vectors, by the places of their keys."""
+    for place, vector in vectors.items():
+        size = 4 if place == -1 else 3
+        if vector.size != size:
+            name = gtsam.DefaultKeyFormatter(keys[place])
+            return FactorError(f"{name} must hold a vector of {size}, not of {vector.size}")
+    raise AssertionError("all have the right size")
 
 
 def ruled_surface_factor(

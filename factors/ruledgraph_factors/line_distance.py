@@ -3,6 +3,9 @@
 """How far away a line is about, before anything shows it."""
 
 import math
+from collections.abc import Callable
+from functools import partial
+from typing import TypeAlias
 
 import gtsam
 import numpy as np
@@ -13,6 +16,9 @@ from ruledgraph_factors.kernel import active_kernel, native
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.so3 import hat
 from ruledgraph_factors.validation import FloatArray, graph_key, instance, positive_number
+
+_Angle: TypeAlias = Callable[[FloatArray, gtsam.Pose3], tuple[float, FloatArray, FloatArray]]
+# `line_angle` of a chart.
 
 # So close to the pose or to infinity (rad) the logarithm goes on straight.
 _STRAIGHT = 0.05
@@ -46,19 +52,20 @@ def line_distance_factor(
     instance("chart", chart, LineChart)
     keys = [graph_key("pose_key", pose_key), graph_key("line_key", line_key)]
     log_distance = math.log(positive_number("distance", distance))
+    angle = _angle_of(chart)
 
     def error(
         this: gtsam.CustomFactor, values: gtsam.Values, H: list[FloatArray] | None
     ) -> FloatArray:
         pose_key, line_key = this.keys()
         pose, delta = values.atPose3(pose_key), values.atVector(line_key)
-        phi, by_pose, by_line = line_angle(chart, delta, pose)
+        phi, by_pose, by_line = angle(delta, pose)
         # To the logarithm's range and back: r(phi) and its slope beyond it are those at its end.
         inside = min(max(phi, _STRAIGHT), 0.5 * math.pi - _STRAIGHT)
         slope = 2.0 / math.sin(2.0 * inside)
         if H is not None:
-            H[0] = np.asfortranarray(slope * by_pose[None])
-            H[1] = np.asfortranarray(slope * by_line[None])
+            H[0] = slope * by_pose[None]
+            H[1] = slope * by_line[None]
         return np.array([math.log(math.tan(inside)) + log_distance + slope * (phi - inside)])
 
     factor = gtsam.CustomFactor(noise_model, keys, error)
@@ -71,10 +78,14 @@ def line_angle(
     chart: LineChart, delta: FloatArray, pose: gtsam.Pose3
 ) -> tuple[float, FloatArray, FloatArray]:
     """phi, and its derivatives by the pose, (6,), and by delta, (4,)."""
+    return _angle_of(chart)(delta, pose)
+
+
+def _angle_of(chart: LineChart) -> _Angle:
     if active_kernel() == "numpy":
-        return line_angle_in_numpy(chart, delta, pose)
-    anchor = chart.world_T_anchor.matrix()
-    return native.line_angle(anchor, chart.basis, chart.angle, delta, pose.matrix())
+        return partial(line_angle_in_numpy, chart)
+    constants = chart.world_T_anchor.matrix(), chart.basis, chart.angle
+    return lambda delta, pose: native.line_angle(*constants, delta, pose.matrix())
 
 
 def line_angle_in_numpy(
