@@ -76,6 +76,7 @@ class Interval:
     misfits: int = 0
     """... and how many of these lines did not fit their points."""
     _placed: tuple[gtsam.NavState, list[gtsam.Pose3]] | None = None
+    _cameras: tuple[list[gtsam.Pose3], list[gtsam.Pose3]] | None = None
 
     @property
     def is_known(self) -> bool:
@@ -94,6 +95,13 @@ class Interval:
             poses = self.motion.poses(knot.state, knot.bias, time_shift=self.time_shift)
             placed = self._placed = knot.state, poses
         return placed[1]
+
+    def cameras(self, body_T_cam: gtsam.Pose3) -> list[gtsam.Pose3]:
+        """world_T_cam of its frames: `poses` with the camera's place in the body."""
+        bodies, cameras = self.poses(), self._cameras
+        if cameras is None or cameras[0] is not bodies:
+            cameras = self._cameras = bodies, [pose.compose(body_T_cam) for pose in bodies]
+        return cameras[1]
 
     def state(self, delta: FloatArray) -> State:
         """What the factor of a line at `delta` depends on."""

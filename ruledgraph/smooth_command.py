@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import cv2
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -81,6 +82,8 @@ def smooth_command(
         log = RerunLog(rerun, calibration)
     # The thread that reads ahead is kept waiting for so long each time it comes back from OpenCV.
     sys.setswitchinterval(_SWITCH_INTERVAL)
+    # There are enough threads: OpenCV's own would wait for each other.
+    cv2.setNumThreads(1)
     watchers = [watcher.watch for watcher in (sketches, log) if watcher is not None]
     with _progress_bar(frames) as show, log or nullcontext():
         summary = run(

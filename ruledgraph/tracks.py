@@ -250,14 +250,15 @@ class Tracker:
         own_slopes: FloatArray,
     ) -> NDArray[np.bool_]:
         """Which of M segments with slopes are the same line as which of N own ones, (M, N)."""
-        own_normals, own_along = normal_of(own_ends), own_ends[:, 1] - own_ends[:, 0]
-        same = np.sign(slopes[:, None] * own_slopes) * (normal_of(ends) @ own_normals.T)
+        normals, along = normal_of(own_ends), own_ends[:, 1] - own_ends[:, 0]
+        same = np.sign(slopes[:, None] * own_slopes) * (normal_of(ends) @ normals.T)
         three = np.concatenate([ends, ends.mean(axis=1, keepdims=True)], axis=1)
-        off = three[:, None] - own_ends[:, :1]
-        gap = np.abs(np.einsum("mnei,ni->mne", off[:, :, :2], own_normals))
-        near = np.all(gap * self._camera.focal_length < _TWIN, axis=2)
-        place = np.einsum("mnei,ni->mne", off, own_along) / np.sum(own_along**2, axis=1)[:, None]
-        overlap = (place.max(axis=2) > -0.2) & (place.min(axis=2) < 1.2)
+        # Both (M, 3, N), counted from the own ones' first ends.
+        gap = np.abs(three @ normals.T - np.sum(own_ends[:, 0] * normals, axis=1))
+        place = three @ along.T - np.sum(own_ends[:, 0] * along, axis=1)
+        place /= np.sum(along**2, axis=1)
+        near = np.all(gap * self._camera.focal_length < _TWIN, axis=1)
+        overlap = (place.max(axis=1) > -0.2) & (place.min(axis=1) < 1.2)
         return np.asarray((same >= _PARALLEL) & near & overlap)
 
     def _in_pixels(self, tracks: Sequence[Track]) -> FloatArray:

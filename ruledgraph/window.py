@@ -48,7 +48,7 @@ _NEAREST_INVERSE = 20.0
 # An estimate that departs from the IMU's prediction by more has diverged (m, m/s); by more than
 # this, it may have moved beyond where its factors are linear.
 _JUMP, _VELOCITY_JUMP = 1.0, 3.0
-_STEP, _VELOCITY_STEP = 0.002, 0.005
+_STEP, _VELOCITY_STEP = 0.005, 0.015
 # Beyond these the estimate has run away: m/s, and biases in rad/s and m/s^2.
 _FASTEST, _WORST_GYROSCOPE, _WORST_ACCELEROMETER = 50.0, 0.5, 3.0
 # A line this far (rad) from where its factors are linearised gets a new variable.
@@ -257,11 +257,10 @@ class Window:
         else:
             if sum(len(index) for _, index, _ in seen) < _FEWEST_SIGHTINGS:
                 return
-            cameras = [
-                interval.poses()[i].compose(self._body_T_cam)
-                for interval, index, _ in seen
-                for i in index
-            ]
+            cameras = []
+            for interval, index, _ in seen:
+                of_frames = interval.cameras(self._body_T_cam)
+                cameras += [of_frames[i] for i in index]
             sightings = [sighting for _, _, part in seen for sighting in part]
             points = compressed_points(sightings)
             fit = triangulate(cameras, points, sightings[0].points, self._deviation)
@@ -403,7 +402,7 @@ class Window:
     def _judge(self) -> None:
         """Retire lines that do not fit their points or lie behind the camera."""
         interval = self.intervals[-1]
-        poses = interval.poses()
+        of_frames = interval.cameras(self._body_T_cam)
         at_knot = interval.state(np.zeros(4))
         good, cameras, ends = [], [], []
         for line, factor, points, (place, last_points) in interval.observations:
@@ -424,7 +423,7 @@ class Window:
                 del self.lines[line.track.number]
             elif not bad:
                 good.append(line)
-                cameras.append(poses[place].compose(self._body_T_cam))
+                cameras.append(of_frames[place])
                 ends.append(last_points[[0, -1]])
         note_reach(good, cameras, np.array(ends))
 

@@ -12,6 +12,7 @@ All points are in normalised, undistorted image coordinates, (x, y) = (X/Z, Y/Z)
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -83,7 +84,7 @@ class CompressedPoints:
         """Rows of the residual, 3n: the dimension of the noise model."""
         return 3 * len(self.statistics)
 
-    @property
+    @cached_property
     def weight(self) -> float:
         """What all points weigh together: their number, if each has weight 1."""
         return float(np.sum(self.statistics[:, :, 2] ** 2))
