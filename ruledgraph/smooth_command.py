@@ -37,8 +37,6 @@ _OFF = {
     "doubtful": "images and IMU disagree",
 }
 
-_SWITCH_INTERVAL = 1e-4
-
 
 def smooth_command(
     recording: Path,
@@ -80,8 +78,6 @@ def smooth_command(
         from ruledgraph.rerun_log import RerunLog
 
         log = RerunLog(rerun, calibration)
-    # The thread that reads ahead is kept waiting for so long each time it comes back from OpenCV.
-    sys.setswitchinterval(_SWITCH_INTERVAL)
     # There are enough threads: OpenCV's own would wait for each other.
     cv2.setNumThreads(1)
     watchers = [watcher.watch for watcher in (sketches, log) if watcher is not None]

@@ -22,6 +22,7 @@
 #include "ruledgraph/camera.hpp"
 #include "ruledgraph/compress.hpp"
 #include "ruledgraph/edge_search.hpp"
+#include "ruledgraph/gradient.hpp"
 #include "ruledgraph/prediction.hpp"
 
 namespace nb = nanobind;
@@ -65,6 +66,15 @@ Eigen::Map<const PointRows> in_rows(const std::vector<Point>& points) {
   return {points.empty() ? nullptr : &points.front().x, static_cast<Index>(points.size()), 2};
 }
 
+void write_gradient(Rows<std::uint8_t, -1, -1> image,
+                    nb::ndarray<float, nb::shape<-1, -1, 2>, nb::c_contig, nb::device::cpu> xy) {
+  require(xy.shape(0) == image.shape(0) && xy.shape(1) == image.shape(1),
+          "image and xy differ in size");
+  const nb::gil_scoped_release release;
+  ruledgraph::gradient(image.data(), static_cast<int>(image.shape(1)),
+                       static_cast<int>(image.shape(0)), xy.data());
+}
+
 nb::tuple search_all(Rows<float, -1, -1, 2> gradient, const Camera& camera,
                      Rows<double, -1, 2, 2> ends, Rows<double, -1, 2> sigmas,
                      Rows<double, -1> slopes, double beyond) {
@@ -81,24 +91,28 @@ nb::tuple search_all(Rows<float, -1, -1, 2> gradient, const Camera& camera,
   Table<2> lines = Table<2>::Zero(rows, 2);
   Column support = Column::Zero(rows), deviation = Column::Zero(rows), slope = Column::Zero(rows);
   Mask ambiguous = Mask::Constant(rows, false);
-  for (Index i = 0; i < rows; ++i) {
-    const double* end = ends.data() + 4 * i;
-    const double* sigma = sigmas.data() + 2 * i;
-    require(std::isfinite(sigma[0]) && std::isfinite(sigma[1]), "a sigma is not finite");
-    const std::optional<EdgePoints> found =
-        search(view, camera,
-               {{end[0], end[1]}, {end[2], end[3]}, sigma[0], sigma[1], slopes.data()[i]}, beyond);
-    if (!found) continue;
-    points.insert(points.end(), found->points.begin(), found->points.end());
-    counts[i] = static_cast<Index>(found->points.size());
-    moved.row(i) << found->first.x, found->first.y, found->second.x, found->second.y;
-    const RowMajor<3, 3> C = compress(in_rows(found->points), Column::Ones(counts[i]));
-    statistics.row(i) = Eigen::Map<const Eigen::RowVectorXd>(C.data(), 9);
-    lines.row(i) << found->line.a, found->line.b;
-    support[i] = found->support;
-    deviation[i] = found->deviation;
-    slope[i] = found->slope;
-    ambiguous[i] = found->ambiguous;
+  {
+    // Meanwhile others may use the interpreter: it takes as long as all else in a frame.
+    const nb::gil_scoped_release release;
+    for (Index i = 0; i < rows; ++i) {
+      const double* end = ends.data() + 4 * i;
+      const double* sigma = sigmas.data() + 2 * i;
+      require(std::isfinite(sigma[0]) && std::isfinite(sigma[1]), "a sigma is not finite");
+      const std::optional<EdgePoints> found = search(
+          view, camera, {{end[0], end[1]}, {end[2], end[3]}, sigma[0], sigma[1], slopes.data()[i]},
+          beyond);
+      if (!found) continue;
+      points.insert(points.end(), found->points.begin(), found->points.end());
+      counts[i] = static_cast<Index>(found->points.size());
+      moved.row(i) << found->first.x, found->first.y, found->second.x, found->second.y;
+      const RowMajor<3, 3> C = compress(in_rows(found->points), Column::Ones(counts[i]));
+      statistics.row(i) = Eigen::Map<const Eigen::RowVectorXd>(C.data(), 9);
+      lines.row(i) << found->line.a, found->line.b;
+      support[i] = found->support;
+      deviation[i] = found->deviation;
+      slope[i] = found->slope;
+      ambiguous[i] = found->ambiguous;
+    }
   }
   return nb::make_tuple(std::move(counts), PointRows(in_rows(points)), std::move(moved),
                         std::move(statistics), std::move(lines), std::move(support),
@@ -176,6 +190,7 @@ NB_MODULE(_native_search, module) {
       .def(nb::new_(&make_camera), nb::arg("width"), nb::arg("height"), nb::arg("fx"),
            nb::arg("fy"), nb::arg("cx"), nb::arg("cy"), nb::arg("distortion"),
            nb::arg("coefficients"));
+  module.def("gradient", &write_gradient, nb::arg("image"), nb::arg("xy").noconvert());
   module.def("search_all", &search_all, nb::arg("gradient"), nb::arg("camera"), nb::arg("ends"),
              nb::arg("sigmas"), nb::arg("slopes"), nb::arg("beyond"));
   module.def("predict_all", &predict_all, nb::arg("plucker"), nb::arg("by_delta"),

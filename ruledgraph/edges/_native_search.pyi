@@ -42,6 +42,9 @@ class Camera:
     ) -> None:
         """Take the fields of a `CameraModel`, in their order."""
 
+def gradient(image: NDArray[np.uint8], xy: NDArray[np.float32]) -> None:
+    """Write `gradient_by_opencv` of an image (height, width) into xy, (height, width, 2)."""
+
 def search_all(
     gradient: NDArray[np.float32],
     camera: Camera,

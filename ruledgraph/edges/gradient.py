@@ -2,39 +2,38 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The image gradient, sampled between pixels."""
 
-import threading
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ruledgraph.edges import kernel
 from ruledgraph.sensors import FloatArray
 
-# Deviation of the blur before differentiation, px: takes out pixel noise, keeps edges apart that
-# are four pixels or more from one another.
-_BLUR = 1.0
-# Scharr's derivative is 32 times the grey levels per pixel.
-_SCALE = 1.0 / 32.0
 # Pixels next to the border see the border's padding instead of the scene.
 _BORDER = 3.0
+# Deviation of the blur before differentiation, px: takes out pixel noise, keeps edges apart that
+# are four pixels or more from one another; and its width.
+_BLUR, _WIDTH = 1.0, 9
+# Scharr's derivative is 32 times the grey levels per pixel.
+_SCALE = 1.0 / 32.0
 
 
-class _Scratch(threading.local):
-    """Four images of floats, used again by each thread: to ask the system for the memory of every
-    frame anew takes longer than all that is computed in it.
+def gradient_by_opencv(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Scharr's derivatives of the image (height, width) after a Gaussian blur, by x and y,
+    (height, width, 2), grey levels per pixel; the reference of `_native_search.gradient`.
     """
-
-    def __init__(self) -> None:
-        self._images = np.empty((4, 0, 0), np.float32)
-
-    def of(self, shape: tuple[int, ...]) -> NDArray[np.float32]:
-        """(4, height, width); what is in them has no meaning."""
-        if self._images.shape[1:] != shape:
-            self._images = np.empty((4, *shape), np.float32)
-        return self._images
+    blurred = cv2.GaussianBlur(image.astype(np.float32), (_WIDTH, _WIDTH), _BLUR)
+    x = cv2.Scharr(blurred, cv2.CV_32F, 1, 0, scale=_SCALE)
+    y = cv2.Scharr(blurred, cv2.CV_32F, 0, 1, scale=_SCALE)
+    return np.asarray(cv2.merge([x, y]), np.float32)
 
 
-_scratch = _Scratch()
+def _gradient(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    if not kernel.is_native():
+        return gradient_by_opencv(image)
+    xy = np.empty((*image.shape, 2), np.float32)
+    kernel.native.gradient(image, xy)
+    return xy
 
 
 class Gradient:
@@ -43,13 +42,8 @@ class Gradient:
     def __init__(self, image: NDArray[np.uint8]) -> None:
         self.image = image
         self.height, self.width = image.shape
-        grey, blurred, x, y = _scratch.of(image.shape)
-        np.copyto(grey, image)
-        cv2.GaussianBlur(grey, (9, 9), _BLUR, dst=blurred)
-        cv2.Scharr(blurred, cv2.CV_32F, 1, 0, dst=x, scale=_SCALE)
-        cv2.Scharr(blurred, cv2.CV_32F, 0, 1, dst=y, scale=_SCALE)
         # Side by side in memory: one look-up fetches both.
-        self.xy = np.asarray(cv2.merge([x, y]), np.float32)
+        self.xy = _gradient(image)
         """(height, width, 2)."""
 
     def inside(self, pixels: FloatArray) -> NDArray[np.bool_]:

@@ -10,7 +10,7 @@ import pytest
 
 from ruledgraph.edges import kernel
 from ruledgraph.edges.batch import Edges, Rulings, search_all
-from ruledgraph.edges.gradient import Gradient
+from ruledgraph.edges.gradient import Gradient, gradient_by_opencv
 from ruledgraph.sensors import CameraModel
 
 needs_native = pytest.mark.skipif(
@@ -57,6 +57,23 @@ def rulings_of(*each: tuple[Any, float, float]) -> Rulings:
     """Of ends, sigma and slope."""
     ends, sigmas, slopes = zip(*each, strict=True)
     return Rulings(np.array(ends), np.repeat(sigmas, 2).reshape(-1, 2), np.array(slopes))
+
+
+@needs_native
+@pytest.mark.parametrize("shape", [(480, 752), (240, 320), (7, 5), (3, 12), (2, 2), (1, 9), (1, 1)])
+def test_the_gradient_is_that_of_opencv(shape: tuple[int, int]) -> None:
+    image = np.random.default_rng(3).integers(0, 256, shape, dtype=np.uint8)
+    # Sums of floats up to 255 in another order: 3e-5 found.
+    np.testing.assert_allclose(Gradient(image).xy, gradient_by_opencv(image), rtol=0.0, atol=1e-4)
+
+
+@needs_native
+def test_the_gradient_of_a_part_of_an_image() -> None:
+    image = np.random.default_rng(4).integers(0, 256, (60, 80), dtype=np.uint8)
+    part = image[10:50, 20:70:2]
+    np.testing.assert_array_equal(Gradient(part).xy, Gradient(part.copy()).xy)
+    with pytest.raises(ValueError, match="differ in size"):
+        kernel.native.gradient(image, np.empty((60, 81, 2), np.float32))
 
 
 def by_both(
