@@ -120,9 +120,10 @@ def pose(name: str, value: gtsam.Pose3) -> gtsam.Pose3:
     return value
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def _require_rigid(name: str, value: gtsam.Pose3) -> None:
-    """Remembers the last few poses: all factors of a camera share its extrinsic."""
+    """Remembers the last poses: all factors of a camera share its extrinsic, and new lines are
+    anchored in the same few frames."""
     matrix = finite_array(name, value.matrix(), (4, 4))
     rotation_matrix(name, matrix[:3, :3])
 
