@@ -122,8 +122,9 @@ def pose(name: str, value: gtsam.Pose3) -> gtsam.Pose3:
 
 @lru_cache(maxsize=64)
 def _require_rigid(name: str, value: gtsam.Pose3) -> None:
-    """Remembers the last poses: all factors of a camera share its extrinsic, and new lines are
-    anchored in the same few frames."""
+    """Remembers the last poses: all factors of a camera share its extrinsic, and new lines that of
+    the frames they are anchored in.
+    """
     matrix = finite_array(name, value.matrix(), (4, 4))
     rotation_matrix(name, matrix[:3, :3])
 
