@@ -13,9 +13,6 @@ from ruledgraph.sensors import FloatArray
 
 Detector = Callable[[NDArray[np.uint8]], FloatArray]
 
-# Of the image that LSD works on. It finds as many segments of more than 30 px there as at its own
-# 0.8, in two thirds of the time; where exactly they lie, the search for edge points says.
-_LSD_SCALE = 0.6
 # The paper's Hough transform: rho 5 px, theta 1 degree, threshold 100, minimum length 100 px,
 # largest gap 5 px; the strongest line's points are removed and the transform repeated.
 _HOUGH_ROUNDS = 20
@@ -25,8 +22,7 @@ _HOUGH_REMOVE = 5
 def detect_lsd(image: NDArray[np.uint8]) -> FloatArray:
     """Segments by OpenCV's line segment detector (von Gioi et al. 2010), ends in px, (N, 2, 2)."""
     # Unrefined: what is not straight fails the search for its edge points, which costs less.
-    detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_NONE, scale=_LSD_SCALE)
-    found = detector.detect(image)[0]
+    found = cv2.createLineSegmentDetector(cv2.LSD_REFINE_NONE).detect(image)[0]
     return np.zeros((0, 2, 2)) if found is None else np.asarray(found, float).reshape(-1, 2, 2)
 
 
