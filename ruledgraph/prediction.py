@@ -75,7 +75,7 @@ def by_rotation(
 def turn_in_numpy(ends: FloatArray, cam_R_before: FloatArray, moved: FloatArray) -> FloatArray:
     """Segments (N, 2, 2) after a turn of the camera, moved on across themselves by (N, 2).
 
-    The reference of `_native_search.turn_all`.
+    The reference of `_native_frame.turn_all`.
     """
     rays = _rays(ends) @ cam_R_before.T
     ends = rays[..., :2] / rays[..., 2:]
@@ -141,7 +141,7 @@ def predict_in_numpy(
     sigmas: FloatArray,
     focal: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """The reference of `_native_search.predict_all`."""
+    """The reference of `_native_frame.predict_all`."""
     moment, direction = plucker[:, :3], plucker[:, 3:]
     R, p = world_T_cam[:3, :3], world_T_cam[:3, 3]
     by_place = hat(p)

@@ -162,7 +162,7 @@ def clipped(
 def clip_in_numpy(
     ends: FloatArray, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """The reference of `_native_search.clip_all`."""
+    """The reference of `_native_frame.clip_all`."""
     start, along = ends[:, 0], ends[:, 1] - ends[:, 0]
     level = np.abs(along) < _LEVEL
     between = (start >= low) & (start <= high)

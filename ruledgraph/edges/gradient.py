@@ -20,7 +20,7 @@ _SCALE = 1.0 / 32.0
 
 def gradient_by_opencv(image: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Scharr's derivatives of the image (height, width) after a Gaussian blur, by x and y,
-    (height, width, 2), grey levels per pixel; the reference of `_native_search.gradient`.
+    (height, width, 2), grey levels per pixel; the reference of `_native_frame.gradient`.
     """
     blurred = cv2.GaussianBlur(image.astype(np.float32), (_WIDTH, _WIDTH), _BLUR)
     x = cv2.Scharr(blurred, cv2.CV_32F, 1, 0, scale=_SCALE)

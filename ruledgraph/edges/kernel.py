@@ -5,7 +5,7 @@
 from ruledgraph_factors import active_kernel
 
 try:
-    import ruledgraph.edges._native_search as native
+    import ruledgraph.edges._native_frame as native
 except ModuleNotFoundError:  # installed where there was no C++ compiler
     native = None  # type: ignore[assignment]
 

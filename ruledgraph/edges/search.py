@@ -56,12 +56,9 @@ class EdgePoints(NamedTuple):
 
     points: FloatArray
     """Normalised image coordinates, (N, 2), in order along the ruling."""
-    along: FloatArray
-    """Their place along the predicted segment, 0 at its first and 1 at its second end, (N,)."""
-    offsets: FloatArray
-    """px across the prediction, (N,)."""
     line: tuple[float, float]
-    """a and b of the straight line through them: offset = a + b along, px."""
+    """a and b of the straight line through them: they are a + b s px across the prediction where s
+    goes from 0 at its first end to 1 at its second."""
     support: float
     """Share of the stations that have a point."""
     deviation: float
@@ -146,8 +143,6 @@ def search(
     deviation = float(np.sqrt(np.mean((offset - a - b * place) ** 2)))
     return EdgePoints(
         points=found,
-        along=place,
-        offsets=offset,
         line=(a, b),
         support=len(chosen) / len(along),
         deviation=deviation,

@@ -75,8 +75,6 @@ def search_sobel(
     a, b = fit_line(places[seen], middles)
     return EdgePoints(
         points=points,
-        along=places[station],
-        offsets=offsets,
         line=(a, b),
         support=support,
         deviation=float(np.sqrt(np.mean((middles - a - b * places[seen]) ** 2))),

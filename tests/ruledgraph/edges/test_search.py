@@ -49,7 +49,7 @@ def test_points_lie_on_the_edge_to_a_tenth_of_a_pixel(camera):
         distance = homogeneous @ line * camera.focal_length
         assert np.sqrt(np.mean(distance**2)) < 0.15
         assert abs(distance.mean()) < 0.05
-        assert np.all(np.diff(found.along) > 0.0)
+        assert np.all(np.diff(found.points @ (ends[1] - ends[0])) > 0.0)
 
 
 def test_an_edge_of_the_other_polarity_is_another_edge():
@@ -131,7 +131,8 @@ def test_edges_of_a_thin_stripe_are_left_out_for_blur_moves_them():
     assert search(thin, CAMERA, ruling) is None
     found = search(wide, CAMERA, ruling)
     assert found is not None
-    assert abs(np.mean(found.offsets)) < 0.05
+    a, b = found.line
+    assert abs(a + 0.5 * b) < 0.05
 
 
 def test_a_faint_neighbour_does_not_matter():

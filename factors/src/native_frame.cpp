@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: The ruledgraph developers
 // SPDX-License-Identifier: BSD-3-Clause
 //
-// The Python module `ruledgraph.edges._native_search`; `_native_search.pyi` documents it.
+// The Python module `ruledgraph.edges._native_frame`; `_native_frame.pyi` documents it.
 
 #include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
@@ -185,7 +185,7 @@ nb::tuple clip_all(Rows<double, -1, 2, 2> ends, const Eigen::Vector2d& low,
 
 }  // namespace
 
-NB_MODULE(_native_search, module) {
+NB_MODULE(_native_frame, module) {
   nb::class_<Camera>(module, "Camera")
       .def(nb::new_(&make_camera), nb::arg("width"), nb::arg("height"), nb::arg("fx"),
            nb::arg("fy"), nb::arg("cx"), nb::arg("cy"), nb::arg("distortion"),
