@@ -4,7 +4,7 @@
 
 import queue
 import threading
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -13,6 +13,8 @@ T = TypeVar("T")
 # Items go from thread to thread in batches: whenever one wakes the other, both wait for the
 # interpreter. So many hold all that may be ahead.
 _BATCHES = 8
+# How long its end is waited for, s; it may be stuck in what it reads from.
+_PATIENCE = 2.0
 
 
 @dataclass(frozen=True)
@@ -27,8 +29,12 @@ class _Items(Generic[T]):
     values: list[T]
 
 
-def ahead(items: Iterable[T], prepare: Callable[[T], object], most: int) -> Iterator[T]:
+def ahead(
+    items: Iterable[T], prepare: Callable[[T], object], most: int
+) -> Generator[T, None, None]:
     """The same items in the same order, taken and prepared by a thread.
+
+    The thread ends with the generator: close it (`contextlib.closing`) unless you take all.
 
     Args:
         items: used by that thread alone.
@@ -40,17 +46,13 @@ def ahead(items: Iterable[T], prepare: Callable[[T], object], most: int) -> Iter
         Exception: whatever `items` or `prepare` raises, after the items before it.
     """
     together = max(most // _BATCHES, 1)
-    # One batch is in use, and one waits to be put.
-    waiting: queue.Queue[_Items[T] | _End] = queue.Queue(max(most // together - 2, 1))
+    # Both are C code: an interrupt (Ctrl-C) does not leave them locked.
+    waiting: queue.SimpleQueue[_Items[T] | _End] = queue.SimpleQueue()
+    places: queue.SimpleQueue[None] = queue.SimpleQueue()
+    # One batch is in use, and one is being filled.
+    for _ in range(max(most // together - 2, 1)):
+        places.put(None)
     stop = threading.Event()
-
-    def put(entry: _Items[T] | _End) -> None:
-        while not stop.is_set():
-            try:
-                waiting.put(entry, timeout=0.1)
-            except queue.Full:
-                continue
-            return
 
     def read() -> None:
         batch: list[T] = []
@@ -62,24 +64,29 @@ def ahead(items: Iterable[T], prepare: Callable[[T], object], most: int) -> Iter
                 prepare(item)
                 batch.append(item)
                 if len(batch) == together:
-                    put(_Items(batch))
+                    places.get()
+                    waiting.put(_Items(batch))
                     batch = []
         except BaseException as trouble:  # noqa: BLE001 - raised where the items are used
             error = trouble
         finally:
-            put(_Items(batch))
-            put(_End(error))
+            waiting.put(_Items(batch))
+            waiting.put(_End(error))
             # Here: what it reads from may be bound to this thread.
             if isinstance(items, Generator):
                 items.close()
 
     thread = threading.Thread(target=read, name="ahead", daemon=True)
-    thread.start()
     try:
+        thread.start()
         while isinstance(entry := waiting.get(), _Items):
+            places.put(None)
             yield from entry.values
         if entry.error is not None:
             raise entry.error
     finally:
         stop.set()
-        thread.join()
+        places.put(None)
+        # It may not have begun; and the collector of garbage may close this in the thread itself.
+        if thread.ident is not None and thread is not threading.current_thread():
+            thread.join(_PATIENCE)

@@ -6,10 +6,9 @@ import math
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ruledgraph.edges.detect import Detector
+from ruledgraph.edges.gradient import Gradient
+from ruledgraph.foreseen import Foreseen
 from ruledgraph.measurements import Frame
 from ruledgraph.sensors import FloatArray
 from ruledgraph.tracks import Tracker
@@ -25,13 +24,9 @@ class _Rhythm(NamedTuple):
     interval: int
 
 
-class _Foreseen(NamedTuple):
-    image: NDArray[np.uint8]
-    segments: Future[FloatArray]
-
-
 class _Search(NamedTuple):
-    frame: Frame
+    stamp: int
+    gradient: Gradient
     time: float
     segments: Future[FloatArray]
 
@@ -50,25 +45,20 @@ class Detection:
         self._search: _Search | None = None
         self._last = -math.inf
         self._rhythm: _Rhythm | None = None
-        self._foreseen: dict[int, _Foreseen] = {}
+        self._foreseen = Foreseen[Future[FloatArray]](_MOST_FORESEEN, Future.cancel)
         self._seen = 0
 
     def is_due(self, time: float, every: float) -> bool:
         """Whether the last search was so long before a time, both s."""
         return time - self._last >= every
 
-    def begin(self, frame: Frame, time: float) -> None:
-        """Look for segments in a frame, taken at `time` (s)."""
+    def begin(self, frame: Frame, gradient: Gradient, time: float) -> None:
+        """Look for segments in a frame with its gradient, taken at `time` (s)."""
         self._last = time
-        foreseen = self._foreseen.pop(frame.stamp, None)
-        # A frame that hangs is replaced by a black one of its stamp.
-        if foreseen is None or foreseen.image is not frame.image:
-            foreseen = self._submitted(frame)
-        for stamp in [stamp for stamp in list(self._foreseen) if stamp < frame.stamp]:
-            self._foreseen.pop(stamp).segments.cancel()
+        segments = self._foreseen.take(frame) or self._submitted(frame)
         last = self._rhythm.last if self._rhythm is not None else frame.stamp
         self._rhythm = _Rhythm(frame.stamp, frame.stamp - last)
-        self._search = _Search(frame, time, foreseen.segments)
+        self._search = _Search(frame.stamp, gradient, time, segments)
 
     def foresee(self, frame: Frame) -> None:
         """Look for segments in a frame to come, if by the searches so far it will be its turn.
@@ -78,16 +68,16 @@ class Detection:
         """
         before, self._seen = self._seen, frame.stamp
         rhythm = self._rhythm
-        if rhythm is None or rhythm.interval <= 0 or len(self._foreseen) >= _MOST_FORESEEN:
+        if rhythm is None or rhythm.interval <= 0 or self._foreseen.full:
             return
         turns, turns_before = (
             (stamp - rhythm.last + _EARLY) // rhythm.interval for stamp in (frame.stamp, before)
         )
         if turns > max(turns_before, 0):
-            self._foreseen[frame.stamp] = self._submitted(frame)
+            self._foreseen.put(frame, self._submitted(frame))
 
-    def _submitted(self, frame: Frame) -> _Foreseen:
-        return _Foreseen(frame.image, self._worker.submit(self._detector, frame.image))
+    def _submitted(self, frame: Frame) -> Future[FloatArray]:
+        return self._worker.submit(self._detector, frame.image)
 
     @property
     def pending(self) -> bool:
@@ -100,8 +90,8 @@ class Detection:
         if search is not None:
             self._tracker.drop_lost()
             self._tracker.drop_twins()
-            frame, segments = search.frame, search.segments.result()
-            self._tracker.start_new(frame.stamp, search.time, segments, frame.gradient)
+            segments = search.segments.result()
+            self._tracker.start_new(search.stamp, search.time, segments, search.gradient)
 
     def move(self, change: float) -> None:
         """The clock of the frames was corrected by so much, s."""

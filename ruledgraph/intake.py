@@ -14,7 +14,7 @@ from ruledgraph.errors import RuledgraphError
 from ruledgraph.imu_faults import Reading, SpikeFilter
 from ruledgraph.inertial import ImuBuffer
 from ruledgraph.measurements import MAX_IMU_GAP, Frame, Gap, ImuSample
-from ruledgraph.sensors import Calibration
+from ruledgraph.sensors import Calibration, CameraModel
 from ruledgraph.timing import Messages
 
 # A shorter repetition of one reading is not worth a warning, s.
@@ -83,15 +83,10 @@ class Intake:
         """Take in a frame; one whose image repeats the one before shows nothing.
 
         Raises:
-            RuledgraphError: for an image of another size than the calibration's.
+            RuledgraphError: for an image that is not grey, of 8 bit and of the calibration's size.
         """
-        camera = self._calibration.camera
-        if frame.image.shape != (camera.height, camera.width):
-            height, width = frame.image.shape[:2]
-            raise RuledgraphError(
-                f"a frame is {width}x{height}, but the calibration is for {camera.width}x"
-                f"{camera.height}; use the calibration of this camera and resolution"
-            )
+        if fault := image_fault(frame, self._calibration.camera):
+            raise RuledgraphError(fault)
         last, self._image = self._image, frame
         if last is not None and frame.stamp != last.stamp and _same(frame.image, last.image):
             self._warnings.once(
@@ -114,6 +109,22 @@ class Intake:
         self._spikes = SpikeFilter()
         time = self.seconds(stop)
         self._waiting = deque(frame for frame in self._waiting if self.frame_time(frame) >= time)
+
+
+def image_fault(frame: Frame, camera: CameraModel) -> str:
+    """What is wrong with a frame's image, empty if nothing is."""
+    image = frame.image
+    if image.dtype != np.uint8:
+        return f"a frame's image is {image.dtype}; convert images to 8 bit, uint8"
+    if image.ndim != 2:
+        return f"a frame's image has shape {image.shape}; convert images to grey, (height, width)"
+    height, width = image.shape
+    if (width, height) != (camera.width, camera.height):
+        return (
+            f"a frame is {width}x{height}, but the calibration is for {camera.width}x"
+            f"{camera.height}; use the calibration of this camera and resolution"
+        )
+    return ""
 
 
 def _same(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:

@@ -7,13 +7,10 @@ differ by the calibration's time offset.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-
-from ruledgraph.edges.gradient import Gradient
 
 MAX_IMU_GAP = 500_000_000
 """ns; across a longer silence of the IMU its samples are neither interpolated nor integrated."""
@@ -21,15 +18,12 @@ MAX_IMU_GAP = 500_000_000
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """An image: grey, (height, width) uint8."""
+    """An image: grey, (height, width) uint8, which does not change afterwards: it may be read by
+    another thread, and compared with the next one. Hand in a copy of a buffer that serves again.
+    """
 
     stamp: int
     image: NDArray[np.uint8]
-
-    @cached_property
-    def gradient(self) -> Gradient:
-        """Of the image; computed when it is first asked for, by whichever thread that is."""
-        return Gradient(self.image)
 
 
 class ImuSample(NamedTuple):

@@ -14,8 +14,9 @@ from ruledgraph.detection import Detection
 from ruledgraph.edges.detect import DETECTORS
 from ruledgraph.edges.gradient import Gradient
 from ruledgraph.estimates import Estimate, Output, Status
+from ruledgraph.foreseen import Foreseen
 from ruledgraph.initialize import Refusal, is_still, start_at_rest, start_in_motion
-from ruledgraph.intake import Intake
+from ruledgraph.intake import Intake, image_fault
 from ruledgraph.knots import Interval
 from ruledgraph.lines import GraphLine
 from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
@@ -33,6 +34,8 @@ _REST, _BETWEEN_ATTEMPTS = 0.4, 0.25
 _EARLY = 0.004
 # At rest the window is solved this often (s), while the image has not moved since by more, px.
 _IDLE, _UNMOVED = 0.8, 0.2
+# Gradients, of eight times the memory of an image, are computed of so many frames ahead at most.
+_MOST_GRADIENTS = 32
 # New lines are looked for this often at most, s.
 _DETECT_INTERVAL = 0.1
 # With fewer lines of the graph in view for so long (s), the IMU alone carries the estimate.
@@ -67,6 +70,7 @@ class Odometry(Output):
         self.tracker = Tracker(calibration.camera, edges)
         self.window: Window | None = None
         self._detection = Detection(self.tracker, DETECTORS[edges.detector])
+        self._gradients = Foreseen[Gradient](_MOST_GRADIENTS)
         self._intake = Intake(calibration, self.warnings)
         self._imu = self._intake.imu
         self._frames: deque[_Seen] = deque()
@@ -116,16 +120,20 @@ class Odometry(Output):
         """A grey image of the calibration's size.
 
         Raises:
-            RuledgraphError: for an image of another size.
+            RuledgraphError: for another image.
         """
         self._intake.add_image(frame)
 
     def foresee(self, frame: Frame) -> None:
         """Begin with what will be needed of a frame that will be added, to save time then.
 
-        May be called from another thread, for each frame in order.
+        May be called from another thread, for each frame in order. What is wrong with a frame is
+        said when it is added.
         """
-        _ = frame.gradient
+        if image_fault(frame, self.calibration.camera):
+            return
+        if not self._gradients.full:
+            self._gradients.put(frame, Gradient(frame.image))
         self._detection.foresee(frame)
 
     def finish(self) -> None:
@@ -170,11 +178,11 @@ class Odometry(Output):
             with self._timed("detection"):
                 self._detection.start_tracks()
         self._look_for_gap(seen.time)
+        with self._timed("gradient"):
+            gradient = self._gradients.take(frame) or Gradient(frame.image)
         due = self._is_knot_due(seen.time)
         if self._is_detection_due(seen.time, due):
-            self._detection.begin(frame, seen.time)
-        with self._timed("gradient"):
-            gradient = frame.gradient
+            self._detection.begin(frame, gradient, seen.time)
         with self._timed("search"):
             lines = self._follow(seen, gradient)
         self._frames.append(seen)

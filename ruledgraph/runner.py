@@ -5,6 +5,7 @@
 import time as clock
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
@@ -103,26 +104,31 @@ def run(
         RuledgraphError: for a recording that holds nothing to work on; results are in `output`.
     """
     odometry = _odometry(solver, calibration, config)
+    reading: AbstractContextManager[Iterable[Measurement]] = nullcontext(measurements)
     if isinstance(odometry, Odometry):
-        measurements = ahead(measurements, partial(_prepare, odometry), _AHEAD)
+        reading = closing(ahead(measurements, partial(_prepare, odometry), _AHEAD))
     tally = _Tally()
     ended = "complete"
     started = clock.perf_counter()
     with Results(output, config) as results:
         writers = [results.write, *([record] if record is not None else [])]
         try:
-            for measurement in measurements:
-                odometry.add(measurement)
-                if isinstance(measurement, Frame):
-                    _hand_over(odometry, writers, tally, measurement)
-                    if watch is not None and isinstance(odometry, Odometry):
-                        watch(odometry, measurement)
-                    if on_progress is not None:
-                        on_progress(_progress(odometry, tally))
+            with reading as taken:
+                for measurement in taken:
+                    odometry.add(measurement)
+                    if isinstance(measurement, Frame):
+                        _hand_over(odometry, writers, tally, measurement)
+                        if watch is not None and isinstance(odometry, Odometry):
+                            watch(odometry, measurement)
+                        if on_progress is not None:
+                            on_progress(_progress(odometry, tally))
         except KeyboardInterrupt:
             ended = "interrupted"
         except RuledgraphError as error:
             ended = str(error)
+            raise
+        except BaseException as error:
+            ended = f"{type(error).__name__}: {error}"
             raise
         finally:
             odometry.finish()

@@ -53,6 +53,8 @@ class CameraModel:
     coefficients: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        # Of any sequence: a camera has to be hashable.
+        object.__setattr__(self, "coefficients", tuple(map(float, self.coefficients)))
         if self.width < 1 or self.height < 1:
             raise RuledgraphError(f"image size {self.width}x{self.height} is not positive")
         numbers = (self.fx, self.fy, self.cx, self.cy, *self.coefficients)

@@ -20,7 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import date
@@ -85,15 +85,6 @@ def peak_memory(pid: int) -> float:
     return 0.0  # it has just ended
 
 
-def fresh(measurements: Sequence[Measurement]) -> Iterator[Measurement]:
-    """The same with frames that have no gradient yet."""
-    for measurement in measurements:
-        if isinstance(measurement, Frame):
-            yield Frame(measurement.stamp, measurement.image)
-        else:
-            yield measurement
-
-
 def latencies(
     measurements: Sequence[Measurement], calibration: Calibration
 ) -> tuple[list[float], list[float]]:
@@ -101,7 +92,7 @@ def latencies(
     odometry = Odometry(calibration)
     between: list[float] = []
     at_knots: list[float] = []
-    for measurement in fresh(measurements):
+    for measurement in measurements:
         started = time.perf_counter()
         odometry.add(measurement)
         elapsed = time.perf_counter() - started
@@ -117,7 +108,7 @@ def processor_time(
     odometry = make()
     lines: list[int] = []
     started = time.process_time()
-    for measurement in fresh(measurements):
+    for measurement in measurements:
         odometry.add(measurement)
         lines += [estimate.lines for estimate in odometry.take_live()]
     odometry.finish()

@@ -66,6 +66,9 @@ Eigen::Map<const PointRows> in_rows(const std::vector<Point>& points) {
   return {points.empty() ? nullptr : &points.front().x, static_cast<Index>(points.size()), 2};
 }
 
+/// Whether a deviation leaves a band that can be searched, px.
+bool is_width(double sigma) { return sigma >= 0.0 && sigma <= 1000.0; }
+
 void write_gradient(Rows<std::uint8_t, -1, -1> image,
                     nb::ndarray<float, nb::shape<-1, -1, 2>, nb::c_contig, nb::device::cpu> xy) {
   require(xy.shape(0) == image.shape(0) && xy.shape(1) == image.shape(1),
@@ -97,7 +100,7 @@ nb::tuple search_all(Rows<float, -1, -1, 2> gradient, const Camera& camera,
     for (Index i = 0; i < rows; ++i) {
       const double* end = ends.data() + 4 * i;
       const double* sigma = sigmas.data() + 2 * i;
-      require(std::isfinite(sigma[0]) && std::isfinite(sigma[1]), "a sigma is not finite");
+      require(is_width(sigma[0]) && is_width(sigma[1]), "a sigma is not from 0 to 1000 px");
       const std::optional<EdgePoints> found = search(
           view, camera, {{end[0], end[1]}, {end[2], end[3]}, sigma[0], sigma[1], slopes.data()[i]},
           beyond);

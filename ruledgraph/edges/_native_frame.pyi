@@ -3,7 +3,8 @@
 """What is done in every frame, natively: `factors/src/native_frame.cpp`; internal.
 
 Arrays are C-contiguous. Sizes that do not fit together, an unknown distortion model or a sigma that
-is not finite raise ValueError; types and shapes that do not fit the signature raise TypeError.
+is not from 0 to 1000 px raise ValueError; types and shapes that do not fit the signature raise
+TypeError.
 """
 
 from collections.abc import Sequence

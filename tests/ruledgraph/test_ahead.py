@@ -1,12 +1,15 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
 
+import contextlib
+import signal
 import threading
 import time
 from collections.abc import Iterator
 
 import pytest
 
+import ruledgraph.ahead as ahead_module
 from ruledgraph.ahead import ahead
 
 
@@ -75,6 +78,52 @@ def test_an_error_comes_after_the_items_before_it(most):
         next(reading)
     with pytest.raises(ZeroDivisionError):
         list(ahead([0], lambda x: 1 // x, most))
+
+
+def test_a_reader_that_is_stuck_is_not_waited_for_long(monkeypatch):
+    monkeypatch.setattr(ahead_module, "_PATIENCE", 0.05)
+    go_on = threading.Event()
+
+    def items() -> Iterator[int]:
+        yield 1
+        go_on.wait(10.0)
+        yield 2
+
+    reading = ahead(items(), lambda _: None, 1)
+    assert next(reading) == 1
+    reading.close()
+    (thread,) = [thread for thread in threading.enumerate() if thread.name == "ahead"]
+    go_on.set()
+    thread.join(10.0)
+    assert not thread.is_alive()
+
+
+def test_interrupts_leave_nothing_locked():
+    before, interrupts = threading.active_count(), 0
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    was = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        for i in range(60):
+            reading = ahead(iter(range(10**9)), lambda _: None, 8)
+            try:
+                signal.setitimer(signal.ITIMER_REAL, 0.001 + 1e-4 * i)
+                with contextlib.closing(reading):
+                    for _ in reading:
+                        pass
+            except KeyboardInterrupt:
+                interrupts += 1
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, was)
+    assert interrupts == 60
+    # One that was interrupted while it began may end a little later.
+    late = time.monotonic() + 10.0
+    while threading.active_count() > before and time.monotonic() < late:
+        time.sleep(0.01)
+    assert threading.active_count() == before
 
 
 def test_the_thread_ends_when_nobody_wants_more():

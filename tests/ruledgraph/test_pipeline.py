@@ -270,6 +270,33 @@ def test_frames_of_another_size_are_refused():
         Odometry(calibration).add_image(Frame(0, np.zeros((48, 64), np.uint8)))
 
 
+@pytest.mark.parametrize(
+    ("image", "fault"),
+    [
+        (np.zeros((240, 320, 3), np.uint8), r"shape \(240, 320, 3\); convert images to grey"),
+        (np.zeros((240, 320), np.uint16), "is uint16; convert images to 8 bit"),
+        (np.zeros((240, 320), np.float32), "is float32; convert images to 8 bit"),
+    ],
+)
+def test_images_that_are_not_grey_of_8_bit_are_refused_when_they_are_added(image, fault):
+    _, calibration = small_stream()
+    odometry = Odometry(calibration)
+    odometry.foresee(Frame(0, image))
+    with pytest.raises(RuledgraphError, match=fault):
+        odometry.add_image(Frame(0, image))
+
+
+def test_frames_that_wait_for_the_imu_are_not_all_prepared():
+    _, calibration = small_stream()
+    odometry, prepared = Odometry(calibration), []
+    for i in range(100):
+        frame = Frame(10_000_000 * i, np.full((240, 320), i, np.uint8))
+        odometry.foresee(frame)
+        odometry.add_image(frame)
+        prepared.append(len(odometry._gradients))
+    assert max(prepared) == prepared[-1] < 50
+
+
 def test_memory_of_a_run_does_not_grow():
     stream, calibration = small_stream()
     odometry = Odometry(calibration)

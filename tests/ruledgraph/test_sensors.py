@@ -107,6 +107,13 @@ def test_wrong_parameters_are_named(arguments, message):
         CameraModel(*arguments)
 
 
+def test_coefficients_of_any_sequence_make_the_same_camera():
+    pinhole = (640, 480, 450.0, 450.0, 320.0, 240.0, "radtan")
+    coefficients = (0.1, -0.2, 0.0, 0.01)
+    cameras = {CameraModel(*pinhole, kind(coefficients)) for kind in (tuple, list, np.array)}
+    assert len(cameras) == 1
+
+
 def test_imu_noise_must_be_positive():
     with pytest.raises(RuledgraphError, match="accelerometer = 0"):
         ImuNoise(1e-4, 0.0, 1e-5, 1e-4)

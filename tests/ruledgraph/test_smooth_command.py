@@ -3,8 +3,10 @@
 """`ruledgraph smooth` as a user runs it, and what it leaves behind."""
 
 import csv
+import itertools
 import json
 import re
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -154,6 +156,33 @@ def test_an_interrupt_leaves_everything_up_to_then(tmp_path):
     poses = read_tum(tmp_path / "out" / "trajectory.tum")
     assert len(poses) == summary["frames_estimated"]
     assert json.loads((tmp_path / "out" / "summary.json").read_text()) == summary
+
+
+def test_whatever_goes_wrong_is_on_record_and_the_reader_ends(tmp_path):
+    stream, calibration = small_stream()
+    closed = threading.Event()
+
+    def reading():
+        try:
+            yield from stream
+            yield from itertools.repeat(stream[-1])
+        finally:
+            closed.set()
+
+    def watch(_, frame):
+        if frame.stamp > stream[len(stream) // 2].stamp:
+            raise LookupError("a mistake")
+
+    def warnings():
+        # Who reads has ended: what it counted does not change any more.
+        assert closed.is_set()
+        return []
+
+    with pytest.raises(LookupError):
+        run(reading(), calibration, Config(), tmp_path / "out", watch=watch, warnings=warnings)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["ended"] == "LookupError: a mistake"
+    assert summary["frames_estimated"] == len(read_tum(tmp_path / "out" / "trajectory.tum"))
 
 
 def test_a_recording_without_motion_says_so(tmp_path):

@@ -47,6 +47,7 @@ inline std::array<float, kBlurReach + 1> blur_weights() {
 /// Write d/dx and d/dy of the blurred image, side by side, (height, width, 2), grey levels per px.
 inline void gradient(const std::uint8_t* image, int width, int height, float* xy) {
   using detail::mirrored;
+  if (width <= 0 || height <= 0) return;
   constexpr int kRows = 2 * kBlurReach + 1;
   const auto k = detail::blur_weights();
   const auto columns = static_cast<std::size_t>(width);

@@ -68,6 +68,12 @@ def test_the_gradient_is_that_of_opencv(shape: tuple[int, int]) -> None:
 
 
 @needs_native
+@pytest.mark.parametrize("shape", [(0, 0), (5, 0), (0, 5)])
+def test_no_image_has_no_gradient(shape: tuple[int, int]) -> None:
+    assert Gradient(np.zeros(shape, np.uint8)).xy.shape == (*shape, 2)
+
+
+@needs_native
 def test_the_gradient_of_a_part_of_an_image() -> None:
     image = np.random.default_rng(4).integers(0, 256, (60, 80), dtype=np.uint8)
     part = image[10:50, 20:70:2]
@@ -162,11 +168,26 @@ def test_kernels_agree_on_what_cannot_be_searched(monkeypatch):
 
 
 @needs_native
+@pytest.mark.parametrize("sigma", [-1.0, 1e4, np.inf])
+def test_a_band_that_cannot_be_searched_is_refused(sigma):
+    rulings = rulings_of(([[-0.2, 0.0], [0.2, 0.0]], sigma, 10.0))
+    with pytest.raises(ValueError, match="a sigma is not from 0 to 1000 px"):
+        search_all(Gradient(np.zeros((240, 320), np.uint8)), CAMERAS[0], rulings)
+
+
+@needs_native
+def test_the_widest_band_is_searched():
+    rulings = rulings_of(([[-0.2, 0.0], [0.2, 0.0]], 1000.0, 10.0))
+    found = search_all(Gradient(np.zeros((240, 320), np.uint8)), CAMERAS[0], rulings)
+    assert found.counts.tolist() == [0]
+
+
+@needs_native
 def test_a_sigma_that_is_not_finite_is_refused_by_both(monkeypatch):
     rulings = rulings_of(([[-0.2, 0.0], [0.2, 0.0]], np.nan, 10.0))
     for name in ("native", "numpy"):
         monkeypatch.setenv("RULEDGRAPH_KERNEL", name)
-        with pytest.raises(ValueError, match=r"not finite|NaN"):
+        with pytest.raises(ValueError, match=r"not from 0|NaN"):
             search_all(Gradient(np.zeros((240, 320), np.uint8)), CAMERAS[0], rulings)
 
 
