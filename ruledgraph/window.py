@@ -48,7 +48,7 @@ _NEAREST_INVERSE = 20.0
 # An estimate that departs from the IMU's prediction by more has diverged (m, m/s); by more than
 # this, it may have moved beyond where its factors are linear.
 _JUMP, _VELOCITY_JUMP = 1.0, 3.0
-_STEP, _VELOCITY_STEP = 0.005, 0.015
+_STEP, _VELOCITY_STEP = 0.003, 0.010
 # Beyond these the estimate has run away: m/s, and biases in rad/s and m/s^2.
 _FASTEST, _WORST_GYROSCOPE, _WORST_ACCELEROMETER = 50.0, 0.5, 3.0
 # A line this far (rad) from where its factors are linearised gets a new variable.
