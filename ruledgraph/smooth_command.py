@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """`ruledgraph smooth`: finds what it needs, runs it, and says what came of it."""
 
+import ctypes
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,8 @@ from ruledgraph.runner import Progress as RunProgress
 from ruledgraph.runner import Solver, Watch, run
 
 _FEW_WARNINGS = 5
+# Of glibc's malloc.h.
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _OFF = {
     "dead reckoning": "the IMU alone carried them",
     "doubtful": "images and IMU disagree",
@@ -78,8 +81,7 @@ def smooth_command(
         from ruledgraph.rerun_log import RerunLog
 
         log = RerunLog(rerun, calibration)
-    # There are enough threads: OpenCV's own would wait for each other.
-    cv2.setNumThreads(1)
+    _tune_process()
     watchers = [watcher.watch for watcher in (sketches, log) if watcher is not None]
     with _progress_bar(frames) as show, log or nullcontext():
         summary = run(
@@ -127,6 +129,18 @@ def _inputs(
 
 def _frame_count(source: Recording) -> int | None:
     return source.image_topic.message_count if source.image_topic else None
+
+
+def _tune_process() -> None:
+    """Settings of the whole process, which is the command's own."""
+    # There are enough threads: OpenCV's own would wait for each other.
+    cv2.setNumThreads(1)
+    # Images come and go, and glibc would give their memory back to the kernel and ask for it anew
+    # each time, which takes a tenth of the time.
+    with suppress(OSError, TypeError, AttributeError):  # there are other C libraries
+        c_library = ctypes.CDLL(None)
+        c_library.mallopt(_M_MMAP_THRESHOLD, 32 * 2**20)
+        c_library.mallopt(_M_TRIM_THRESHOLD, 256 * 2**20)
 
 
 @contextmanager
