@@ -3,7 +3,8 @@
 """What one thread computes of frames before another one comes to them."""
 
 from collections.abc import Callable
-from typing import Generic, NamedTuple, TypeVar
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,8 @@ from ruledgraph.measurements import Frame
 T = TypeVar("T")
 
 
-class _Entry(NamedTuple, Generic[T]):
+@dataclass(frozen=True, eq=False)
+class _Entry(Generic[T]):
     image: NDArray[np.uint8]
     value: T
 
