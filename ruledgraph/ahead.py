@@ -79,7 +79,11 @@ def ahead(
     thread = threading.Thread(target=read, name="ahead", daemon=True)
     try:
         thread.start()
-        while isinstance(entry := waiting.get(), _Items):
+        while True:
+            # Not a condition of the loop: an interrupt there skips `finally` in CPython 3.13.0.
+            entry = waiting.get()
+            if isinstance(entry, _End):
+                break
             places.put(None)
             yield from entry.values
         if entry.error is not None:
