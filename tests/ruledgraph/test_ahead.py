@@ -107,7 +107,7 @@ def test_interrupts_leave_nothing_locked():
     was = signal.signal(signal.SIGALRM, interrupt)
     try:
         for i in range(60):
-            reading = ahead(iter(range(10**9)), lambda _: None, 8)
+            reading = ahead(iter(range(10**6)), lambda _: None, 8)
             try:
                 signal.setitimer(signal.ITIMER_REAL, 0.001 + 1e-4 * i)
                 with contextlib.closing(reading):
@@ -118,7 +118,8 @@ def test_interrupts_leave_nothing_locked():
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, was)
-    assert interrupts == 60
+    # One that comes where Python has to ignore it, in a callback of the collector, is lost.
+    assert interrupts > 50
     # One that was interrupted while it began may end a little later.
     late = time.monotonic() + 10.0
     while threading.active_count() > before and time.monotonic() < late:
