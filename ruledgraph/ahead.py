@@ -6,7 +6,7 @@ import queue
 import threading
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 T = TypeVar("T")
 
@@ -22,11 +22,6 @@ class _End:
     """Of the items, or what went wrong with them."""
 
     error: BaseException | None
-
-
-@dataclass(frozen=True)
-class _Items(Generic[T]):
-    values: list[T]
 
 
 def ahead(
@@ -47,7 +42,7 @@ def ahead(
     """
     together = max(most // _BATCHES, 1)
     # Both are C code: an interrupt (Ctrl-C) does not leave them locked.
-    waiting: queue.SimpleQueue[_Items[T] | _End] = queue.SimpleQueue()
+    waiting: queue.SimpleQueue[list[T] | _End] = queue.SimpleQueue()
     places: queue.SimpleQueue[None] = queue.SimpleQueue()
     # One batch is in use, and one is being filled.
     for _ in range(max(most // together - 2, 1)):
@@ -65,12 +60,12 @@ def ahead(
                 batch.append(item)
                 if len(batch) == together:
                     places.get()
-                    waiting.put(_Items(batch))
+                    waiting.put(batch)
                     batch = []
         except BaseException as trouble:  # noqa: BLE001 - raised where the items are used
             error = trouble
         finally:
-            waiting.put(_Items(batch))
+            waiting.put(batch)
             waiting.put(_End(error))
             # Here: what it reads from may be bound to this thread.
             if isinstance(items, Generator):
@@ -85,7 +80,7 @@ def ahead(
             if isinstance(entry, _End):
                 break
             places.put(None)
-            yield from entry.values
+            yield from entry
         if entry.error is not None:
             raise entry.error
     finally:
