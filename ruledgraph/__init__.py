@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ruledgraph.calibration import read_calibration as read_calibration
-    from ruledgraph.config import Config as Config
-    from ruledgraph.config import load_config as load_config
-    from ruledgraph.estimates import Estimate as Estimate
-    from ruledgraph.pipeline import Odometry as Odometry
-    from ruledgraph.pipeline import smooth as smooth
+    from ruledgraph.calibration.sensors import Calibration as Calibration
+    from ruledgraph.core.config import Config as Config
+    from ruledgraph.core.config import load_config as load_config
+    from ruledgraph.core.estimates import Estimate as Estimate
+    from ruledgraph.odometry import Odometry as Odometry
+    from ruledgraph.odometry import smooth as smooth
     from ruledgraph.recording import open_recording as open_recording
-    from ruledgraph.sensors import Calibration as Calibration
 
     __version__: str
 

@@ -2,6 +2,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """`python -m ruledgraph` is the `ruledgraph` command."""
 
-from ruledgraph.cli import main
+from ruledgraph.app.cli import main
 
 main()

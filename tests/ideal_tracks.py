@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from ruledgraph.inertial import ImuBuffer
-from ruledgraph.sensors import D435I_LIKE, Calibration, CameraModel
+from ruledgraph.calibration.sensors import D435I_LIKE, Calibration, CameraModel
+from ruledgraph.frontend.tracks import Sighting, Track
+from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph.simulation.edges import observe_segment
-from ruledgraph.tracks import Sighting, Track
 from ruledgraph_factors import CompressedPoints
 from simulated_window import BODY_T_CAM, FOCAL_LENGTH, SEGMENTS
 

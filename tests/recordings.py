@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from ruledgraph.measurements import Frame, ImuSample, Measurement
+from ruledgraph.core.measurements import Frame, ImuSample, Measurement
 from ruledgraph.recording import write_recording
 
 STORES = {

@@ -5,8 +5,8 @@
 import dataclasses
 from functools import cache
 
-from ruledgraph.measurements import Frame, Measurement
-from ruledgraph.sensors import Calibration, CameraModel
+from ruledgraph.calibration.sensors import Calibration, CameraModel
+from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.simulation import D435I, Simulation, simulate
 
 _CAMERA = D435I.camera

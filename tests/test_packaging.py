@@ -69,7 +69,7 @@ def test_importing_ruledgraph_loads_nothing_else() -> None:
 
 
 def test_help_loads_click_alone() -> None:
-    loaded = third_party_modules_after("from ruledgraph.cli import main; main(['--help'])")
+    loaded = third_party_modules_after("from ruledgraph.app.cli import main; main(['--help'])")
     assert loaded == {"click", "ruledgraph"}
 
 

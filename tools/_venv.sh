@@ -53,8 +53,13 @@ ensure_venv() {
             quietly "$python" -m venv --clear .venv
         fi
     fi
-    # All that decides what is installed: the project's data and the sources of the native kernel.
-    wanted=$(cat pyproject.toml factors/CMakeLists.txt factors/src/* factors/include/*/* | cksum)
+    # All that decides what is installed: the project's data, the sources of the native kernel and
+    # the names of the modules, which an editable install maps one by one.
+    wanted=$(
+        cat pyproject.toml factors/CMakeLists.txt factors/src/* factors/include/*/*
+        find ruledgraph factors -name '*.py' | LC_ALL=C sort
+    )
+    wanted=$(cksum <<<"$wanted")
     wanted="Python $version, $PWD, sources $wanted"
     if [[ -f $stamp && $(<"$stamp") == "$wanted"*"$extra" ]]; then
         return

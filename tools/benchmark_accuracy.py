@@ -24,19 +24,19 @@ import click
 import gtsam
 import numpy as np
 
-from ruledgraph.config import load_config
-from ruledgraph.errors import RuledgraphError
-from ruledgraph.estimates import Estimate
+from ruledgraph.backend.landmarks import LineEstimate
+from ruledgraph.calibration.sensors import Calibration, FloatArray
+from ruledgraph.core.config import load_config
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.measurements import Frame, Measurement
+from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import accuracy, alignment, matched
-from ruledgraph.ground_truth import GroundTruth, read_ground_truth
-from ruledgraph.lines import LineEstimate
-from ruledgraph.measurements import Frame, Measurement
-from ruledgraph.pipeline import Odometry
-from ruledgraph.segments import heading
-from ruledgraph.sensors import Calibration, FloatArray
+from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
+from ruledgraph.integrity.segments import heading
+from ruledgraph.odometry import Odometry
 from ruledgraph.simulation import MOTIONS, Simulation
 from ruledgraph.simulation.options import simulation_from_options
-from ruledgraph.trajectory import Trajectory
 
 ABLATION = {
     "": (),

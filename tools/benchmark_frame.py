@@ -22,9 +22,9 @@ from unittest import mock
 
 import numpy as np
 
-from ruledgraph.config import Config
-from ruledgraph.edges.batch import search_all
-from ruledgraph.pipeline import Odometry
+from ruledgraph.core.config import Config
+from ruledgraph.frontend.edge_batch import search_all
+from ruledgraph.odometry import Odometry
 from ruledgraph.simulation import Simulation, simulate
 from ruledgraph_factors import active_kernel
 
@@ -61,7 +61,7 @@ def run(simulation: Simulation, most_lines: int) -> tuple[float, dict[str, float
     samples: dict[str, list[float]] = defaultdict(list)
     followed: list[int] = []
     with (
-        mock.patch("ruledgraph.tracks.search_all", timed(search_all, searching)),
+        mock.patch("ruledgraph.frontend.tracks.search_all", timed(search_all, searching)),
         mock.patch.object(tracker, "follow", timed(tracker.follow, following)),
     ):
         for measurement in simulation.stream():

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ruledgraph.measurements import Frame, ImuSample, Measurement
+from ruledgraph.core.measurements import Frame, ImuSample, Measurement
 from ruledgraph.recording import Kind, open_recording, write_recording
 
 MINUTES = (1, 5, 10)

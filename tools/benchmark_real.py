@@ -21,13 +21,13 @@ from pathlib import Path
 import click
 
 from benchmark_accuracy import REAL_MOVING, REAL_SLICE, real_recording
-from ruledgraph.config import Config
-from ruledgraph.errors import RuledgraphError
+from ruledgraph.app.runner import run
+from ruledgraph.core.config import Config
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.measurements import Frame
+from ruledgraph.core.trajectory import Trajectory, read_tum
 from ruledgraph.evaluation import EvaluationError, compare, matched
-from ruledgraph.ground_truth import GroundTruth, read_ground_truth
-from ruledgraph.measurements import Frame
-from ruledgraph.runner import run
-from ruledgraph.trajectory import Trajectory, read_tum
+from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
 
 OURS = {"ruledgraph, live": "trajectory_live.tum", "ruledgraph, smoothed": "trajectory.tum"}
 PEERS = {"points, mono": "vio_mono.tum", "points, stereo": "vio_stereo.tum"}

@@ -34,15 +34,15 @@ import click
 import numpy as np
 
 from benchmark_accuracy import REAL_SLICE, real_recording
-from ruledgraph.config import Config
-from ruledgraph.measurements import Frame, Measurement
-from ruledgraph.paper_solver import PaperOdometry
-from ruledgraph.pipeline import Odometry
+from ruledgraph.baselines.paper import PaperOdometry
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.config import Config
+from ruledgraph.core.measurements import Frame, Measurement
+from ruledgraph.core.versions import machine_text, version_text
+from ruledgraph.odometry import Odometry
 from ruledgraph.recording import open_recording
-from ruledgraph.sensors import Calibration
 from ruledgraph.simulation import simulate
 from ruledgraph.simulation.write import write_simulation
-from ruledgraph.versions import machine_text, version_text
 
 SCENE, MOTION = "noncoplanar_cluttered", "free"
 SECONDS = 12.0

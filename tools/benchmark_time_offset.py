@@ -24,14 +24,14 @@ import numpy as np
 
 import fault_scenes
 import faults
-from ruledgraph.config import load_config
-from ruledgraph.estimates import Estimate
+from ruledgraph.core.config import load_config
+from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.measurements import Measurement
+from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import accuracy
-from ruledgraph.measurements import Measurement
-from ruledgraph.pipeline import Odometry
+from ruledgraph.odometry import Odometry
 from ruledgraph.simulation import simulate
 from ruledgraph.simulation.write import Files, write_simulation
-from ruledgraph.trajectory import Trajectory
 
 _SHIFTS = (0, -5, 5, -10, 10, -20, 20)
 _SECONDS, _RATE = 8.0, 30.0

@@ -25,11 +25,11 @@ import numpy as np
 from scipy.stats import beta, chi2
 
 from benchmark_accuracy import nees
-from ruledgraph.config import Config, load_config
-from ruledgraph.errors import RuledgraphError
-from ruledgraph.estimates import Estimate
-from ruledgraph.pipeline import Odometry
-from ruledgraph.sensors import FloatArray
+from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.config import Config, load_config
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.estimates import Estimate
+from ruledgraph.odometry import Odometry
 from ruledgraph.simulation import Simulation
 from ruledgraph.simulation.options import simulation_from_options
 

@@ -19,7 +19,7 @@ from gtsam import noiseModel
 from gtsam.symbol_shorthand import E, P, Q, S, U  # line, pose, point, velocity, bias: any keys do
 from numpy.typing import NDArray
 
-from ruledgraph.sensors import D435I_LIKE
+from ruledgraph.calibration.sensors import D435I_LIKE
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph.simulation.edges import observe_segment
 from ruledgraph_factors import (

@@ -42,16 +42,16 @@ from scipy.spatial.transform import Rotation
 
 import fault_scenes
 from fault_cases import CLEAN, Case, cases
-from ruledgraph.estimates import Estimate
+from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.measurements import Gap, Measurement
+from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import accuracy, matched
-from ruledgraph.ground_truth import GroundTruth
-from ruledgraph.measurements import Gap, Measurement
-from ruledgraph.pipeline import Odometry
+from ruledgraph.evaluation.ground_truth import GroundTruth
+from ruledgraph.integrity.segments import heading
+from ruledgraph.odometry import Odometry
 from ruledgraph.recording import Report
 from ruledgraph.recording.inertial import mark_gaps
-from ruledgraph.segments import heading
-from ruledgraph.sensors import FloatArray
-from ruledgraph.trajectory import Trajectory
 
 # What ground truth is uncertain by, m: added to the covariance.
 _TRUTH_SIGMA = 0.003

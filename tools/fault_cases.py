@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import faults as f
-from ruledgraph.measurements import Frame, ImuSample
-from ruledgraph.sensors import Calibration
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.measurements import Frame, ImuSample
 
 _ALL = 1e9
 

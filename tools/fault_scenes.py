@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ruledgraph.calibration import read_calibration
-from ruledgraph.ground_truth import GroundTruth, read_ground_truth
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
 from ruledgraph.recording import Recording, open_recording
-from ruledgraph.sensors import Calibration
 from ruledgraph.simulation import D435I, Motion, Scene, Simulation, simulate
 from ruledgraph.simulation.lighting import Lamp, light
 from ruledgraph.simulation.materials import plain

@@ -16,8 +16,8 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
-from ruledgraph.sensors import Calibration, ImuNoise
+from ruledgraph.calibration.sensors import Calibration, ImuNoise
+from ruledgraph.core.measurements import Frame, Gap, ImuSample, Measurement
 
 Fault = Callable[[Iterable[Measurement]], Iterator[Measurement]]
 Image = NDArray[np.uint8]

@@ -28,14 +28,14 @@ from hypothesis import strategies as st
 
 import fuzz_seeds
 from ruledgraph.calibration import read_calibration
-from ruledgraph.config import load_config
-from ruledgraph.errors import RuledgraphError
-from ruledgraph.ground_truth import read_ground_truth
-from ruledgraph.markers import read_markers
-from ruledgraph.measurements import Frame, Gap, ImuSample
+from ruledgraph.core.config import load_config
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.measurements import Frame, Gap, ImuSample
+from ruledgraph.core.trajectory import read_tum
+from ruledgraph.diagnostics.info import inspect_recording
+from ruledgraph.evaluation.ground_truth import read_ground_truth
+from ruledgraph.evaluation.markers import read_markers
 from ruledgraph.recording import open_recording
-from ruledgraph.recording.info import inspect_recording
-from ruledgraph.trajectory import read_tum
 
 _LONGEST = timedelta(seconds=20)
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from ruledgraph.calibration import write_kalibr
-from ruledgraph.config import Config, config_text
-from ruledgraph.measurements import Frame, ImuSample, Measurement
+from ruledgraph.core.config import Config, config_text
+from ruledgraph.core.measurements import Frame, ImuSample, Measurement
 from ruledgraph.recording import Kind, write_recording
 from ruledgraph.simulation import D435I
 

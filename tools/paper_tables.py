@@ -7,7 +7,7 @@
     python tools/paper_tables.py --row linear-parallel --solver paper
 
 A table has a line for each of the paper's, with: the figure that the paper prints, of a real
-recording that is not public; the paper's solver as implemented in ruledgraph.paper_solver; the
+recording that is not public; the paper's solver as implemented in ruledgraph.baselines.paper; the
 factor graph, live and smoothed. The last three are of simulated recordings of like motions (12 s,
 90 fps, a D435i's camera and IMU) and can be compared with each other, with the first only in kind.
 Results are kept in --rows as they come; a run that was interrupted goes on.
@@ -27,16 +27,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from paper_figures import ROWS, TITLES, Row
-from ruledgraph.errors import RuledgraphError
-from ruledgraph.estimates import Estimate
+from ruledgraph.baselines.paper import PaperOdometry
+from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.measurements import ImuSample
+from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import accuracy, axis_differences, point_line_distances
-from ruledgraph.ground_truth import GroundTruth
-from ruledgraph.measurements import ImuSample
-from ruledgraph.paper_solver import PaperOdometry
-from ruledgraph.pipeline import Odometry
-from ruledgraph.sensors import FloatArray
+from ruledgraph.evaluation.ground_truth import GroundTruth
+from ruledgraph.odometry import Odometry
 from ruledgraph.simulation import Simulation, simulate
-from ruledgraph.trajectory import Trajectory
 
 SOLVERS = ("paper", "graph")
 COLUMNS = {

@@ -21,10 +21,10 @@ from pathlib import Path
 import click
 import numpy as np
 
-from ruledgraph.estimates import Estimate
-from ruledgraph.measurements import Frame
-from ruledgraph.pipeline import Odometry
-from ruledgraph.segments import heading
+from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.measurements import Frame
+from ruledgraph.integrity.segments import heading
+from ruledgraph.odometry import Odometry
 from ruledgraph.simulation import Simulation
 from ruledgraph.simulation.options import simulation_from_options
 

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: The ruledgraph developers
 // SPDX-License-Identifier: BSD-3-Clause
 //
-// The Python module `ruledgraph.edges._native_frame`; `_native_frame.pyi` documents it.
+// The Python module `ruledgraph.frontend._native_frame`; `_native_frame.pyi` documents it.
 
 #include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>

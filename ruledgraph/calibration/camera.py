@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ruledgraph.calibration.section import Section
-from ruledgraph.errors import RuledgraphError
-from ruledgraph.sensors import CameraModel, DistortionModel
+from ruledgraph.calibration.sensors import CameraModel, DistortionModel
+from ruledgraph.core.errors import RuledgraphError
 
 _DISTORTION: dict[str, DistortionModel] = {
     "radtan": "radtan",  # Kalibr

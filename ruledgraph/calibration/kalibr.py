@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from ruledgraph.calibration.section import NOISE_KEYS, CalibrationError
-from ruledgraph.sensors import Calibration
+from ruledgraph.calibration.sensors import Calibration
 
 
 def write_kalibr(calibration: Calibration, path: str | Path) -> None:

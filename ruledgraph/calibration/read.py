@@ -11,14 +11,14 @@ import gtsam
 
 from ruledgraph.calibration.camera import model_of_camera, model_of_info
 from ruledgraph.calibration.section import NOISE_KEYS, CalibrationError, Section
-from ruledgraph.plain_yaml import YamlError, read_yaml
-from ruledgraph.sensors import (
+from ruledgraph.calibration.sensors import (
     ADIS16448_LIKE,
     D435I_LIKE,
     Calibration,
     CameraModel,
     ImuNoise,
 )
+from ruledgraph.core.plain_yaml import YamlError, read_yaml
 
 TYPICAL_IMU_NOISE = {"d435i": D435I_LIKE, "adis16448": ADIS16448_LIKE}
 """Noise figures by sensor, for calibrations that leave them out."""

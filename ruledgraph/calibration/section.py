@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from ruledgraph.errors import RuledgraphError
-from ruledgraph.plain_yaml import Node
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.plain_yaml import Node
 
 NOISE_KEYS = {
     "gyroscope": "gyroscope_noise_density",

@@ -13,6 +13,9 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.trajectory import Trajectory, seconds
+from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.evaluation.matching import (
     FEWEST_POSES,
     EvaluationError,
@@ -21,9 +24,6 @@ from ruledgraph.evaluation.matching import (
     matched,
     yaw_alignment,
 )
-from ruledgraph.ground_truth import GroundTruth
-from ruledgraph.sensors import FloatArray
-from ruledgraph.trajectory import Trajectory, seconds
 
 # evo's classes, which are imported when they are needed.
 _Result: TypeAlias = Any

@@ -4,10 +4,10 @@
 
 import numpy as np
 
-from ruledgraph.errors import RuledgraphError
-from ruledgraph.ground_truth import GroundTruth
-from ruledgraph.sensors import FloatArray
-from ruledgraph.trajectory import Trajectory
+from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.trajectory import Trajectory
+from ruledgraph.evaluation.ground_truth import GroundTruth
 
 # Ground truth is interpolated between samples this close together, s.
 _LONGEST_STEP = 0.5

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
+from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.trajectory import Trajectory
+from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.evaluation.matching import EvaluationError, matched
-from ruledgraph.ground_truth import GroundTruth
-from ruledgraph.sensors import FloatArray
-from ruledgraph.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)

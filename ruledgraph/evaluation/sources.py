@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
+from ruledgraph.evaluation.markers import Markers, read_markers
 from ruledgraph.evaluation.matching import EvaluationError
-from ruledgraph.ground_truth import GroundTruth, read_ground_truth
-from ruledgraph.markers import Markers, read_markers
-from ruledgraph.sensors import FloatArray
 
 if TYPE_CHECKING:  # loads the decoders of images and bags
     from ruledgraph.recording import Recording

@@ -8,15 +8,15 @@ for measurement in recording.stream():
 print(recording.report.warnings)
 """
 
-from ruledgraph.measurements import MAX_IMU_GAP
+from ruledgraph.core.measurements import MAX_IMU_GAP
 from ruledgraph.recording.container import Kind, Topic
 from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.images import check_frame_size
 from ruledgraph.recording.order import REORDER_BOUND
 from ruledgraph.recording.recording import Recording, open_recording
 from ruledgraph.recording.report import Report, StampRange
-from ruledgraph.recording.sinks import GroundTruthPose
 from ruledgraph.recording.writer import write_recording
+from ruledgraph.recording.writers import GroundTruthPose
 
 __all__ = [
     "MAX_IMU_GAP",

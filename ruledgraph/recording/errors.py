@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What goes wrong with recordings."""
 
-from ruledgraph.errors import RuledgraphError
+from ruledgraph.core.errors import RuledgraphError
 
 
 class RecordingError(RuledgraphError):

@@ -15,11 +15,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.measurements import Frame
+from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.measurements import Frame
 from ruledgraph.recording.container import MAX_BLOCK, RawMessage, Topic
 from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.messages import UnreadableMessageError, deserialise
-from ruledgraph.sensors import CameraModel
 
 Grey = NDArray[np.uint8]
 _Pixels = NDArray[Any]

@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.measurements import MAX_IMU_GAP, Frame, Gap, ImuSample, Measurement
+from ruledgraph.core.measurements import MAX_IMU_GAP, Frame, Gap, ImuSample, Measurement
 from ruledgraph.recording.report import Report
 
 

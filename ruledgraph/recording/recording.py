@@ -10,7 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from ruledgraph.measurements import Measurement
+from ruledgraph.core.measurements import Measurement
 from ruledgraph.recording.container import Container, Kind, Topic, first_of
 from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.formats import open_container

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from dataclasses import dataclass, field
 
-from ruledgraph.measurements import Frame, Gap, ImuSample
+from ruledgraph.core.measurements import Frame, Gap, ImuSample
 
 _MOST_DAMAGE_LINES = 5
 # Fewer samples say little about units.

@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 
 from backports import zstd
 
-from ruledgraph.plain_yaml import YamlError, read_yaml
+from ruledgraph.core.plain_yaml import YamlError, read_yaml
 from ruledgraph.recording.chunked import DamagedError, decompress
 from ruledgraph.recording.container import (
     MAX_BLOCK,

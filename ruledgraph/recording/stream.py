@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ruledgraph.measurements import Frame, ImuSample, Measurement
+from ruledgraph.core.measurements import Frame, ImuSample, Measurement
 from ruledgraph.recording.container import Container, RawMessage, Topic, first_of
 from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.images import Grey

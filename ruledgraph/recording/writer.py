@@ -11,11 +11,11 @@ from pathlib import Path
 from rosbags.rosbag1.writer import WriterError as Rosbag1Error
 from rosbags.rosbag2 import WriterError as Rosbag2Error
 
-from ruledgraph.measurements import Gap, Measurement
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.measurements import Gap, Measurement
 from ruledgraph.recording.container import Kind
 from ruledgraph.recording.errors import RecordingError
-from ruledgraph.recording.sinks import AslSink, BagSink, GroundTruthPose
-from ruledgraph.sensors import Calibration
+from ruledgraph.recording.writers import AslSink, BagSink, GroundTruthPose
 
 # rosbags hands the path to sqlite3 as a URI, as it is.
 _UNSAFE = frozenset("?#%")

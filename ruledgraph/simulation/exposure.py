@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.errors import RuledgraphError
-from ruledgraph.sensors import CameraModel
+from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.errors import RuledgraphError
 
 Image = NDArray[np.float32]
 

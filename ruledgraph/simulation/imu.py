@@ -12,11 +12,11 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.errors import RuledgraphError
-from ruledgraph.measurements import ImuSample
-from ruledgraph.sensors import ImuNoise
+from ruledgraph.calibration.sensors import ImuNoise
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.measurements import ImuSample
+from ruledgraph.core.text_table import read_table
 from ruledgraph.simulation.motion import FloatArray, Motion
-from ruledgraph.text_table import read_table
 from ruledgraph_factors import STANDARD_GRAVITY, ImuSamples
 
 # Samples made at a time.

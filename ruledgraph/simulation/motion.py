@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from ruledgraph.errors import RuledgraphError
+from ruledgraph.core.errors import RuledgraphError
 from ruledgraph_factors.so3 import exp_and_right_jacobian
 
 FloatArray = NDArray[np.float64]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ruledgraph.errors import RuledgraphError
+from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.simulation.motion import FloatArray, Motion, Path, PathMotion
 from ruledgraph.simulation.paths import (
     Legs,

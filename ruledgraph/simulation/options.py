@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from ruledgraph.calibration import read_calibration
-from ruledgraph.errors import RuledgraphError
+from ruledgraph.calibration.sensors import ADIS16448_LIKE, D435I_LIKE, Calibration, ImuNoise
+from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.recording import Kind
-from ruledgraph.sensors import ADIS16448_LIKE, D435I_LIKE, Calibration, ImuNoise
 from ruledgraph.simulation.imu import RecordedImu
 from ruledgraph.simulation.measured import MeasuredMotion
 from ruledgraph.simulation.motions import MOTIONS

@@ -15,8 +15,8 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.errors import RuledgraphError
-from ruledgraph.sensors import CameraModel
+from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.simulation.motion import FloatArray
 from ruledgraph.simulation.occlusion import CUT, FREE, PaintersOrder
 from ruledgraph.simulation.scene import Scene, Texture

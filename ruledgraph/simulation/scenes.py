@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ruledgraph.errors import RuledgraphError
+from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.simulation.furniture import corridor, room
 from ruledgraph.simulation.lighting import Lamp, light
 from ruledgraph.simulation.materials import cluttered, plain, poster, wood

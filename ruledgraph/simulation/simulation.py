@@ -11,9 +11,9 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ruledgraph.errors import RuledgraphError
-from ruledgraph.measurements import Frame, ImuSample
-from ruledgraph.sensors import D435I_LIKE, Calibration, CameraModel, ImuNoise
+from ruledgraph.calibration.sensors import D435I_LIKE, Calibration, CameraModel, ImuNoise
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.simulation.exposure import ImageQuality, Sensor
 from ruledgraph.simulation.imu import ImuSource, RecordedImu, SyntheticImu
 from ruledgraph.simulation.measured import MeasuredMotion

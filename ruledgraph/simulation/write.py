@@ -14,11 +14,11 @@ from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 from scipy.spatial.transform import Rotation
 
 from ruledgraph.calibration import write_kalibr
-from ruledgraph.errors import RuledgraphError
-from ruledgraph.measurements import Frame, Measurement
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.measurements import Frame, Measurement
+from ruledgraph.core.trajectory import TumWriter
 from ruledgraph.recording import GroundTruthPose, Kind, write_recording
 from ruledgraph.simulation.simulation import Simulation
-from ruledgraph.trajectory import TumWriter
 
 # True poses are computed so many at a time.
 _CHUNK = 1000

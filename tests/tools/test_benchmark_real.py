@@ -13,10 +13,10 @@ import benchmark_real
 from benchmark_accuracy import REAL_SLICE
 from benchmark_real import OURS, PEERS, figures, main, report
 from ruledgraph.calibration import write_kalibr
-from ruledgraph.config import Config
-from ruledgraph.ground_truth import GroundTruth
+from ruledgraph.core.config import Config
+from ruledgraph.core.trajectory import Trajectory
+from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.recording import write_recording
-from ruledgraph.trajectory import Trajectory
 from small_simulation import small_stream
 
 START = 1_000_000_000_000

@@ -11,8 +11,8 @@ import pytest
 import fault_campaign
 from fault_cases import Case
 from fault_scenes import NAMES
-from ruledgraph.estimates import Estimate
-from ruledgraph.ground_truth import GroundTruth
+from ruledgraph.core.estimates import Estimate
+from ruledgraph.evaluation.ground_truth import GroundTruth
 
 CLEAN = {"fault": "none", "ate": 1.0}
 GOOD = {"fault": "blur", "ate": 5.0, "untold": 0.0, "beyond": 0.0}

@@ -7,7 +7,7 @@ import pytest
 
 import faults
 from recordings import SECOND, T0, fields, sequence
-from ruledgraph.measurements import Frame, ImuSample
+from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.simulation import D435I
 
 STREAM = sequence(4.0, frame_rate=25)

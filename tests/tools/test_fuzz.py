@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 import fuzz
-from ruledgraph.errors import RuledgraphError
+from ruledgraph.core.errors import RuledgraphError
 
 EXAMPLES = 30
 

@@ -1,8 +1,9 @@
 // SPDX-FileCopyrightText: The ruledgraph developers
 // SPDX-License-Identifier: BSD-3-Clause
 //
-// The camera models, in plain C++. The native version of `CameraModel` in `ruledgraph/sensors.py`,
-// which says what is computed and stays the reference: same order of operations.
+// The camera models, in plain C++. The native version of `CameraModel` in
+// `ruledgraph/calibration/sensors.py`, which says what is computed and stays the reference: same
+// order of operations.
 #pragma once
 
 #include <array>

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 //
 // Edge points along predicted rulings, in plain C++; `search` is the entry. The native version of
-// `search` in `ruledgraph/edges/search.py` and of `Gradient` beside it, which say what is computed
-// and stay the reference: same steps, same order of operations, same names. Slopes are float there
-// and here.
+// `search` in `ruledgraph/frontend/edge_search.py` and of `Gradient` beside it, which say what is
+// computed and stay the reference: same steps, same order of operations, same names. Slopes are
+// float there and here.
 #pragma once
 
 #include <algorithm>

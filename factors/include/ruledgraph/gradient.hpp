@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 //
 // The gradient of a lightly blurred image, in plain C++. The native version of `gradient_by_opencv`
-// in `ruledgraph/edges/gradient.py`, which says what is computed and stays the reference: the same
-// to the rounding of float. It goes through the image once, row by row, with what it needs of the
-// rows before in the processor's cache.
+// in `ruledgraph/frontend/gradient.py`, which says what is computed and stays the reference: the
+// same to the rounding of float. It goes through the image once, row by row, with what it needs of
+// the rows before in the processor's cache.
 #pragma once
 
 #include <array>

@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 //
 // Where lines appear in the next image; needs Eigen alone. The native version of the functions
-// `..._in_numpy` in `ruledgraph/prediction.py` and `edges/batch.py`, which stay the reference.
+// `..._in_numpy` in `ruling_prediction.py` and `edge_batch.py` in `ruledgraph/frontend/`, which
+// stay the reference.
 #pragma once
 
 #include <Eigen/Core>

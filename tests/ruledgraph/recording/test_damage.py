@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 from recordings import BAGS, assert_same, entries_of, fields, sequence, write_asl, write_bag
-from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
+from ruledgraph.core.measurements import Frame, Gap, ImuSample, Measurement
 from ruledgraph.recording import RecordingError, Report, open_recording
 
 MEASUREMENTS = sequence(1.5, shape=(24, 32))

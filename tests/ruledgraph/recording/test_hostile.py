@@ -31,8 +31,8 @@ from recordings import (
     write_asl,
     write_bag,
 )
-from ruledgraph.cli import main
-from ruledgraph.measurements import Frame
+from ruledgraph.app.cli import main
+from ruledgraph.core.measurements import Frame
 from ruledgraph.recording import RecordingError, open_recording, rosbag2
 
 MEGABYTE = 2**20

@@ -11,12 +11,12 @@ import pytest
 from numpy.typing import NDArray
 
 from recordings import T0, Entry, compressed_image, png, raw_image, serialise, texture
-from ruledgraph.measurements import Frame
+from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.measurements import Frame
 from ruledgraph.recording import RecordingError, check_frame_size
 from ruledgraph.recording.container import RawMessage, Topic
 from ruledgraph.recording.images import decode_file, decode_image
 from ruledgraph.recording.messages import UnreadableMessageError
-from ruledgraph.sensors import CameraModel
 
 WIDTH, HEIGHT = 16, 12
 GREY = texture(3)

@@ -10,10 +10,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from recordings import MS, T0, Entry, imu, png, raw_image, texture, write_bag
-from ruledgraph.measurements import Frame, Gap, ImuSample
+from ruledgraph.core.measurements import Frame, Gap, ImuSample
+from ruledgraph.diagnostics.info import inspect_recording
 from ruledgraph.recording import RecordingError, open_recording
 from ruledgraph.recording.images import _ENCODINGS
-from ruledgraph.recording.info import inspect_recording
 
 NUMBERS = st.one_of(
     st.floats(width=64), st.sampled_from([0.0, 9.81, 1e6, -1e300, float("nan"), float("inf")])

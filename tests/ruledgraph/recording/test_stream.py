@@ -25,7 +25,7 @@ from recordings import (
     texture,
     write_bag,
 )
-from ruledgraph.measurements import Frame, Gap, ImuSample, Measurement
+from ruledgraph.core.measurements import Frame, Gap, ImuSample, Measurement
 from ruledgraph.recording import Recording, RecordingError, open_recording
 
 GYRO, ACCEL = "/camera/gyro/sample", "/camera/accel/sample"

@@ -11,7 +11,8 @@ from rosbags.highlevel import AnyReader
 from ruamel.yaml import YAML
 
 from recordings import MS, T0, assert_same, sequence, texture
-from ruledgraph.measurements import Frame, Gap, ImuSample
+from ruledgraph.calibration.sensors import ADIS16448_LIKE, Calibration, CameraModel
+from ruledgraph.core.measurements import Frame, Gap, ImuSample
 from ruledgraph.recording import (
     GroundTruthPose,
     Kind,
@@ -19,7 +20,6 @@ from ruledgraph.recording import (
     open_recording,
     write_recording,
 )
-from ruledgraph.sensors import ADIS16448_LIKE, Calibration, CameraModel
 
 KINDS: list[Kind] = ["rosbag1", "rosbag2", "mcap", "asl"]
 CAMERA = CameraModel(16, 12, 10.0, 11.0, 7.5, 5.5, "radtan", (0.1, -0.2, 0.003, -2e-5))

@@ -10,9 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ruledgraph.calibration import read_calibration
-from ruledgraph.errors import RuledgraphError
-from ruledgraph.ground_truth import read_ground_truth
-from ruledgraph.measurements import Frame
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.measurements import Frame
+from ruledgraph.core.trajectory import Trajectory
+from ruledgraph.evaluation.ground_truth import read_ground_truth
 from ruledgraph.simulation import (
     D435I,
     MeasuredMotion,
@@ -21,7 +22,6 @@ from ruledgraph.simulation import (
     simulate,
     simulate_imu,
 )
-from ruledgraph.trajectory import Trajectory
 
 SHARED = Path(__file__).parents[4] / "shared" / "data"
 FLIGHTS = {name: SHARED / "euroc_motion" / name for name in ("V1_01_easy", "MH_04_difficult")}

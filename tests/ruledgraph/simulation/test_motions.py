@@ -6,7 +6,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from ruledgraph.errors import RuledgraphError
+from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.simulation import D435I, MOTIONS, make_motion, make_scene, simulate, simulate_imu
 
 BODY_R_CAM = D435I.body_T_cam.rotation().matrix()

@@ -7,8 +7,8 @@ import gtsam
 import numpy as np
 import pytest
 
-from ruledgraph.errors import RuledgraphError
-from ruledgraph.sensors import CameraModel
+from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.simulation.materials import plain
 from ruledgraph.simulation.motions import WORLD_R_CAM
 from ruledgraph.simulation.renderer import Renderer

@@ -10,9 +10,9 @@ import gtsam
 import numpy as np
 import pytest
 
-from ruledgraph.errors import RuledgraphError
-from ruledgraph.measurements import Frame, ImuSample
-from ruledgraph.sensors import CameraModel
+from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.simulation import (
     D435I,
     PERFECT,

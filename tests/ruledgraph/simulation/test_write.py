@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from ruledgraph.app.cli import main
 from ruledgraph.calibration import read_calibration
-from ruledgraph.cli import main
-from ruledgraph.measurements import Frame, ImuSample
+from ruledgraph.core.measurements import Frame, ImuSample
+from ruledgraph.core.trajectory import read_tum
 from ruledgraph.recording import open_recording
 from ruledgraph.simulation import MOTIONS, SCENES
 from ruledgraph.simulation.options import simulation_from_options
-from ruledgraph.trajectory import read_tum
 
 SHORT = ("--duration", "0.5", "--resolution", "160x120", "--moving-start", "--seed", "3")
 
@@ -79,7 +79,7 @@ def test_what_is_written_is_what_was_simulated(
 
 
 def test_ground_truth_topic_is_in_the_bag(tmp_path: Path) -> None:
-    from ruledgraph.ground_truth import read_ground_truth
+    from ruledgraph.evaluation.ground_truth import read_ground_truth
 
     out = tmp_path / "sim.bag"
     assert run("square", "free", out, *SHORT).exit_code == 0

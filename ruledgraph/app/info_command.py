@@ -1,0 +1,39 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""`ruledgraph info`: looks at a recording, and at the calibration that is to go with it."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ruledgraph.app.calibration_choice import calibration_of_files
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.diagnostics.info import inspect_recording, print_info
+
+
+def info_command(
+    recording: Path,
+    *,
+    calibration_files: Sequence[Path],
+    camera: str | None,
+    imu: str | None,
+    as_json: bool,
+    plots: Path | None,
+    **choice: Any,
+) -> None:
+    """See `ruledgraph info --help`."""
+
+    def calibrate(kind: str, image_topic: str | None) -> Calibration | None:
+        brings_its_own = kind == "asl" and any(recording.rglob("sensor.yaml"))
+        if not calibration_files and not brings_its_own:
+            return None
+        return calibration_of_files(calibration_files or [recording], image_topic, camera, imu)
+
+    found = inspect_recording(recording, calibrate=calibrate, plots=plots, **choice)
+    if as_json:
+        click.echo(json.dumps(found.as_dict(), indent=2))
+    else:
+        print_info(found)

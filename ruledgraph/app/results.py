@@ -1,0 +1,148 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a run leaves behind. Everything is written as it comes, so that a run can end any time."""
+
+import csv
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, TextIO
+
+import numpy as np
+
+from ruledgraph.backend.landmarks import LineEstimate
+from ruledgraph.core.config import Config, config_text
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.trajectory import TumWriter, seconds
+from ruledgraph_factors import STANDARD_GRAVITY
+
+_AXES = "xyz"
+_STATE_COLUMNS = [
+    "stamp",
+    *(f"velocity_{a}" for a in _AXES),
+    *(f"gyroscope_bias_{a}" for a in _AXES),
+    *(f"accelerometer_bias_{a}" for a in _AXES),
+    *(f"gravity_in_body_{a}" for a in _AXES),
+    *(f"sigma_rotation_{a}" for a in _AXES),
+    *(f"sigma_position_{a}" for a in _AXES),
+    *(f"sigma_velocity_{a}" for a in _AXES),
+    *(f"sigma_gyroscope_bias_{a}" for a in _AXES),
+    *(f"sigma_accelerometer_bias_{a}" for a in _AXES),
+    "time_offset",
+    "sigma_time_offset",
+    "lines",
+    "status",
+    "segment",
+]
+_COVARIANCE = ("xx", "xy", "xz", "yy", "yz", "zz")
+_LINE_COLUMNS = [
+    "line",
+    *(f"{a}{end}" for end in (1, 2) for a in _AXES),
+    *(f"covariance{end}_{c}" for end in (1, 2) for c in _COVARIANCE),
+    "first_seen",
+    "last_seen",
+    "points",
+]
+
+
+class ResultsError(RuledgraphError):
+    """A folder that cannot take the results."""
+
+
+class Results:
+    """The files of a run, in a folder of their own.
+
+    - `trajectory_live.tum`: world_T_body at each frame as known at its time;
+    - `trajectory.tum`: the same as each frame left the window;
+    - `states.csv`: at each knot when it was new: velocity, biases, gravity, standard deviations
+      (rotation and position in the body frame), time offset, lines in view, status, segment;
+    - `lines.csv`: end points in the world, their covariance, first and last stamp, edge points;
+    - `config.yaml`: the settings in effect; `summary.json`: see `summarize`.
+
+    Raises:
+        ResultsError: when the folder exists and holds something, or cannot be made.
+    """
+
+    def __init__(self, folder: Path, config: Config) -> None:
+        self.folder = folder
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if any(folder.iterdir()):
+                raise ResultsError(f"{folder}: is not empty; name another folder with --output")
+            (folder / "config.yaml").write_text(config_text(config), encoding="utf-8")
+            self._live = TumWriter(folder / "trajectory_live.tum")
+            self._smoothed = TumWriter(folder / "trajectory.tum")
+            self._states_file, self._states = _table(folder / "states.csv", _STATE_COLUMNS)
+            self._lines_file, self._lines = _table(folder / "lines.csv", _LINE_COLUMNS)
+        except OSError as error:
+            raise ResultsError(f"{folder}: cannot be written: {error.strerror}") from None
+
+    def write(
+        self,
+        live: Sequence[Estimate],
+        smoothed: Sequence[Estimate],
+        lines: Sequence[LineEstimate],
+    ) -> None:
+        """Append."""
+        for estimate in live:
+            self._live.append(estimate.stamp, estimate.world_T_body)
+            if estimate.at_knot:
+                self._states.writerow(_state_row(estimate))
+        for estimate in smoothed:
+            self._smoothed.append(estimate.stamp, estimate.world_T_body)
+        for line in lines:
+            self._lines.writerow(_line_row(line))
+
+    def summarize(self, summary: dict[str, Any]) -> None:
+        """Write `summary.json`."""
+        text = json.dumps(summary, indent=2, allow_nan=False)
+        (self.folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+
+    def __enter__(self) -> "Results":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        for file in (self._live, self._smoothed, self._states_file, self._lines_file):
+            file.close()
+
+
+def _table(path: Path, columns: list[str]) -> tuple[TextIO, Any]:
+    file = path.open("x", encoding="ascii", newline="", buffering=1)
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(columns)
+    return file, writer
+
+
+def _state_row(estimate: Estimate) -> list[Any]:
+    attitude = estimate.world_T_body.rotation()
+    pose, velocity, bias = (np.sqrt(np.diag(c)) for c in estimate.covariances)
+    numbers = np.concatenate(
+        [
+            estimate.velocity,
+            estimate.bias.gyroscope(),
+            estimate.bias.accelerometer(),
+            attitude.unrotate(np.array(STANDARD_GRAVITY)),
+            pose,
+            velocity,
+            bias[3:],
+            bias[:3],
+            estimate.time_offset,
+        ]
+    )
+    shown = [f"{number:.9g}" for number in numbers]
+    return [seconds(estimate.stamp), *shown, estimate.lines, estimate.status, estimate.segment]
+
+
+def _line_row(line: LineEstimate) -> list[Any]:
+    upper = np.triu_indices(3)
+    numbers = np.concatenate([line.ends.ravel(), *(c[upper] for c in line.covariance)])
+    shown = [f"{number:.9g}" for number in numbers]
+    stamps = (seconds(line.first_stamp), seconds(line.last_stamp))
+    return [line.number, *shown, *stamps, line.points]

@@ -1,0 +1,238 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""A whole recording through the odometry, with everything written down."""
+
+import time as clock
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager, closing, nullcontext
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+from ruledgraph.app.results import Results
+from ruledgraph.backend.landmarks import LineEstimate
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.config import Config
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.measurements import Frame, Measurement
+from ruledgraph.core.trajectory import read_tum
+from ruledgraph.core.versions import machine_text, version_text
+from ruledgraph.evaluation import accuracy
+from ruledgraph.evaluation.ground_truth import GroundTruth
+from ruledgraph.odometry import Odometry
+from ruledgraph.recording.read_ahead import ahead
+
+if TYPE_CHECKING:  # its optimiser takes a third of a second to load
+    from ruledgraph.baselines.paper import PaperOdometry
+
+Solver = Literal["graph", "paper"]
+"""The factor graph, or the paper's own as a baseline."""
+Record: TypeAlias = Callable[[Sequence[Estimate], Sequence[Estimate], Sequence[LineEstimate]], None]
+"""Takes live estimates, smoothed ones and lines."""
+Watch: TypeAlias = Callable[[Odometry, Frame], None]
+"""Sees the odometry when it has been given a frame."""
+
+# Measurements read ahead, a few frames' worth.
+_AHEAD = 64
+# Warnings listed in the summary; the rest are counted.
+_MOST_WARNINGS = 50
+
+
+@dataclass
+class Progress:
+    """How far a run is."""
+
+    frames: int
+    seconds: float
+    """Of the recording."""
+    lines: int
+    status: str
+
+
+@dataclass
+class _Tally:
+    frames: int = 0
+    first_stamp: int | None = None
+    last_stamp: int = 0
+    estimates: int = 0
+    lines: int = 0
+    lines_in_view: int = 0
+    statuses: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def seconds(self) -> float:
+        return 0.0 if self.first_stamp is None else (self.last_stamp - self.first_stamp) * 1e-9
+
+
+def run(
+    measurements: Iterable[Measurement],
+    calibration: Calibration,
+    config: Config,
+    output: Path,
+    *,
+    solver: Solver = "graph",
+    ground_truth: GroundTruth | None = None,
+    inputs: Mapping[str, str] | None = None,
+    warnings: Callable[[], list[str]] = list,
+    record: Record | None = None,
+    watch: Watch | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> dict[str, Any]:
+    """Smooth a recording and write its results; what was computed stays, however it ends.
+
+    Args:
+        measurements: a recording's or a simulation's `stream()`.
+        calibration: of camera and IMU.
+        config: all settings.
+        output: folder for the results, see `Results`.
+        solver: the paper's has no use for `config`, and no covariances.
+        ground_truth: to compare with at the end.
+        inputs: what the recording, calibration and so on were, for the summary.
+        warnings: asked at the end for what the recording's reader has to say.
+        record: is handed what is written, as it comes.
+        watch: sees the factor graph's odometry when it has been given a frame; what it has
+            processed may be the frame before, see `FrameQueue`.
+        on_progress: called after each frame.
+
+    Returns:
+        What `summary.json` holds.
+
+    Raises:
+        RuledgraphError: for a recording that holds nothing to work on; results are in `output`.
+    """
+    odometry = _odometry(solver, calibration, config)
+    reading: AbstractContextManager[Iterable[Measurement]] = nullcontext(measurements)
+    if isinstance(odometry, Odometry):
+        reading = closing(ahead(measurements, partial(_prepare, odometry), _AHEAD))
+    tally = _Tally()
+    ended = "complete"
+    started = clock.perf_counter()
+    with Results(output, config) as results:
+        writers = [results.write, *([record] if record is not None else [])]
+        try:
+            with reading as taken:
+                for measurement in taken:
+                    odometry.add(measurement)
+                    if isinstance(measurement, Frame):
+                        _hand_over(odometry, writers, tally, measurement)
+                        if watch is not None and isinstance(odometry, Odometry):
+                            watch(odometry, measurement)
+                        if on_progress is not None:
+                            on_progress(_progress(odometry, tally))
+        except KeyboardInterrupt:
+            ended = "interrupted"
+        except RuledgraphError as error:
+            ended = str(error)
+            raise
+        except BaseException as error:
+            ended = f"{type(error).__name__}: {error}"
+            raise
+        finally:
+            odometry.finish()
+            _hand_over(odometry, writers, tally, None)
+            elapsed = clock.perf_counter() - started
+            lines = [*warnings(), *odometry.warnings]
+            about = {
+                "versions": version_text(),
+                "machine": machine_text(),
+                "solver": solver,
+                "inputs": dict(inputs or {}),
+            }
+            summary = about | _summary(odometry, tally, elapsed, lines, ended)
+            if ground_truth is not None and tally.estimates:
+                summary["accuracy"] = _accuracy(output, ground_truth)
+            results.summarize(summary)
+    return summary
+
+
+def _odometry(
+    solver: Solver, calibration: Calibration, config: Config
+) -> "Odometry | PaperOdometry":
+    if solver == "graph":
+        return Odometry(calibration, config)
+    from ruledgraph.baselines.paper import PaperOdometry
+
+    return PaperOdometry(calibration)
+
+
+def _prepare(odometry: Odometry, measurement: Measurement) -> None:
+    if isinstance(measurement, Frame):
+        odometry.foresee(measurement)
+
+
+def _hand_over(
+    odometry: "Odometry | PaperOdometry",
+    writers: Sequence[Record],
+    tally: _Tally,
+    frame: Frame | None,
+) -> None:
+    live, smoothed, lines = odometry.take_live(), odometry.take_smoothed(), odometry.take_lines()
+    for write in writers:
+        write(live, smoothed, lines)
+    if frame is not None:
+        tally.frames += 1
+        tally.first_stamp = frame.stamp if tally.first_stamp is None else tally.first_stamp
+        tally.last_stamp = frame.stamp
+    tally.estimates += len(live)
+    tally.lines += len(lines)
+    tally.lines_in_view += sum(estimate.lines for estimate in live)
+    tally.statuses.update(estimate.status for estimate in live)
+
+
+def _progress(odometry: "Odometry | PaperOdometry", tally: _Tally) -> Progress:
+    window = odometry.window
+    status = "waiting for a start" if window is None else odometry.status
+    return Progress(tally.frames, tally.seconds, 0 if window is None else len(window.lines), status)
+
+
+def _summary(
+    odometry: "Odometry | PaperOdometry",
+    tally: _Tally,
+    elapsed: float,
+    warnings: list[str],
+    ended: str,
+) -> dict[str, Any]:
+    if not tally.estimates:
+        warnings.append("the odometry never started")
+    stages = {
+        stage: {
+            "count": timing.count,
+            "mean_ms": 1e3 * timing.mean,
+            "p99_ms": 1e3 * timing.quantile(0.99),
+            "max_ms": 1e3 * timing.largest,
+        }
+        for stage, timing in odometry.timings.items()
+    }
+    clock_offset = {}
+    if isinstance(odometry, Odometry):
+        value, sigma = odometry.time_offset
+        estimated = odometry.config.time_offset.estimate
+        clock_offset = {"time_offset": {"s": value, "sigma_s": sigma, "estimated": estimated}}
+    return clock_offset | {
+        "ended": ended,
+        "recording_s": tally.seconds,
+        "wall_s": elapsed,
+        "real_time_factor": tally.seconds / elapsed if elapsed > 0.0 else 0.0,
+        "frames": tally.frames,
+        "frames_estimated": tally.estimates,
+        "status": dict(tally.statuses),
+        "lines": tally.lines,
+        "lines_in_view": tally.lines_in_view / max(tally.estimates, 1),
+        "recoveries": odometry.recoveries,
+        "warnings": warnings[:_MOST_WARNINGS],
+        "warnings_left_off": max(0, len(warnings) - _MOST_WARNINGS) + odometry.warnings.left_off,
+        "stages": stages,
+    }
+
+
+def _accuracy(output: Path, ground_truth: GroundTruth) -> dict[str, Any]:
+    def of(name: str) -> dict[str, Any]:
+        try:
+            return asdict(accuracy(read_tum(output / f"{name}.tum"), ground_truth))
+        except RuledgraphError as error:
+            return {"error": str(error)}
+
+    return {name: of(name) for name in ("trajectory_live", "trajectory")}

@@ -1,0 +1,206 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""`ruledgraph smooth`: finds what it needs, runs it, and says what came of it."""
+
+import ctypes
+import shlex
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import click
+import cv2
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
+
+from ruledgraph.app.calibration_choice import calibration_for
+from ruledgraph.app.runner import Progress as RunProgress
+from ruledgraph.app.runner import Solver, Watch, run
+from ruledgraph.core.config import load_config
+from ruledgraph.core.measurements import Frame
+from ruledgraph.evaluation.ground_truth import read_ground_truth
+from ruledgraph.odometry import Odometry
+from ruledgraph.recording import Recording, open_recording
+
+_FEW_WARNINGS = 5
+# Of glibc's malloc.h.
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
+_OFF = {
+    "dead reckoning": "the IMU alone carried them",
+    "doubtful": "images and IMU disagree",
+}
+
+
+def smooth_command(
+    recording: Path,
+    *,
+    calibration_files: Sequence[Path],
+    camera: str | None,
+    imu: str | None,
+    output: Path | None,
+    ground_truth: str | None,
+    config_file: Path | None,
+    settings: Sequence[str],
+    plots: bool,
+    rerun: Path | None,
+    solver: Solver,
+    verbose: bool,
+    **choice: Any,
+) -> None:
+    """See `ruledgraph smooth --help`."""
+    if solver == "paper":
+        given = {"--plots": plots, "--rerun": rerun, "--config and --set": config_file or settings}
+        if unused := next((option for option, value in given.items() if value), None):
+            raise click.UsageError(f"{unused}: the paper's solver has none; leave it out")
+    config = load_config(config_file, settings)
+    source = open_recording(recording, **choice)
+    calibration = calibration_for(recording, source, calibration_files, camera, imu)
+    truth = read_ground_truth(ground_truth, source) if ground_truth else None
+    if output is None:
+        time = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
+        output = Path("results") / f"{recording.resolve().stem}-{time}"
+    sketches = None
+    if plots:
+        from ruledgraph.visualization.plots import Sketches
+
+        sketches = Sketches(calibration.camera)
+    cropped = choice["start"] is not None or choice["duration"] is not None
+    frames = None if cropped else _frame_count(source)
+    log = None
+    if rerun is not None:
+        from ruledgraph.visualization.rerun_log import RerunLog
+
+        log = RerunLog(rerun, calibration)
+    _tune_process()
+    watchers = [watcher.watch for watcher in (sketches, log) if watcher is not None]
+    with _progress_bar(frames) as show, log or nullcontext():
+        summary = run(
+            source.stream(),
+            calibration,
+            config,
+            output,
+            solver=solver,
+            ground_truth=truth,
+            inputs=_inputs(recording, calibration_files, ground_truth, choice),
+            warnings=lambda: source.report.warnings,
+            record=log.write if log else None,
+            watch=_each(watchers) if watchers else None,
+            on_progress=show,
+        )
+    if sketches is not None:
+        sketches.draw(output, truth)
+    _tell(summary, output, verbose)
+    if rerun is not None and rerun.exists():
+        click.echo(f"for the Rerun viewer: {rerun}")
+    if plots:
+        click.echo(f"on one page: ruledgraph report {shlex.quote(str(output))}")
+
+
+def _each(watchers: Sequence[Watch]) -> Watch:
+    def watch(odometry: Odometry, frame: Frame) -> None:
+        for watcher in watchers:
+            watcher(odometry, frame)
+
+    return watch
+
+
+def _inputs(
+    recording: Path, files: Sequence[Path], ground_truth: str | None, choice: dict[str, Any]
+) -> dict[str, str]:
+    """What was asked for, as it was written."""
+    named = {
+        "recording": str(recording),
+        "calibration": ", ".join(map(str, files)),
+        "ground truth": ground_truth,
+        **{name.replace("_", " "): value for name, value in choice.items()},
+    }
+    return {name: str(value) for name, value in named.items() if value not in (None, "")}
+
+
+def _frame_count(source: Recording) -> int | None:
+    return source.image_topic.message_count if source.image_topic else None
+
+
+def _tune_process() -> None:
+    """Settings of the whole process, which is the command's own."""
+    # There are enough threads: OpenCV's own would wait for each other.
+    cv2.setNumThreads(1)
+    # Images come and go, and glibc would give their memory back to the kernel and ask for it anew
+    # each time, which takes some five to ten per cent of the time.
+    with suppress(AttributeError):  # other C libraries have no such function
+        c_library = ctypes.CDLL(None)
+        c_library.mallopt(_M_MMAP_THRESHOLD, 32 * 2**20)
+        c_library.mallopt(_M_TRIM_THRESHOLD, 256 * 2**20)
+
+
+@contextmanager
+def _progress_bar(total: int | None) -> Iterator[Callable[[RunProgress], None] | None]:
+    """A bar on a terminal, nothing elsewhere."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TaskProgressColumn(show_speed=True),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[lines]} lines"),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("smoothing", total=total, lines=0)
+
+        def show(state: RunProgress) -> None:
+            bar.update(task, completed=state.frames, lines=state.lines, description=state.status)
+
+        yield show
+
+
+def _tell(summary: dict[str, Any], output: Path, verbose: bool) -> None:
+    if summary["ended"] == "interrupted":
+        click.echo("interrupted: the results up to here are written", err=True)
+    warnings = summary["warnings"]
+    for warning in warnings if verbose else warnings[:_FEW_WARNINGS]:
+        click.echo(f"warning: {warning}", err=True)
+    rest = summary["warnings_left_off"] + (0 if verbose else len(warnings) - _FEW_WARNINGS)
+    if rest > 0:
+        click.echo(f"warning: and {rest} more, see {output / 'summary.json'}", err=True)
+    click.echo(
+        f"{summary['frames_estimated']} of {summary['frames']} frames estimated, "
+        f"{summary['lines']} lines, {len(summary['recoveries'])} recoveries; "
+        f"{summary['recording_s']:.1f} s took {summary['wall_s']:.1f} s"
+    )
+    for status, meaning in _OFF.items():
+        if count := summary["status"].get(status, 0):
+            click.echo(f"{count} frames {status}: {meaning}")
+    for name, found in summary.get("accuracy", {}).items():
+        click.echo(f"{name}: {_accuracy_text(found)}")
+    if verbose:
+        for stage, times in summary["stages"].items():
+            click.echo(
+                f"{stage}: {times['count']} x {times['mean_ms']:.1f} ms, p99 "
+                f"{times['p99_ms']:.1f} ms, max {times['max_ms']:.1f} ms"
+            )
+    click.echo(f"results: {output}")
+
+
+def _accuracy_text(found: dict[str, Any]) -> str:
+    if "error" in found:
+        return str(found["error"])
+    text = (
+        f"ATE {1e3 * found['ate_rmse']:.1f} mm RMSE, {1e3 * found['ate_max']:.1f} mm at most, "
+        f"over {found['path_length']:.1f} m"
+    )
+    if found["rpe_rmse"] is not None:
+        text += f"; RPE {1e3 * found['rpe_rmse']:.1f} mm per metre"
+    return text

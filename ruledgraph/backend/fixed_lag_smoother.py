@@ -1,0 +1,161 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""GTSAM's incremental fixed-lag smoother: the only module that touches it and its failures."""
+
+from collections.abc import Callable, Mapping
+
+import gtsam
+import numpy as np
+
+from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.errors import RuledgraphError
+
+# Estimates that move by less than this are not linearised anew (rad, m, m/s, ...).
+_RELINEARIZE = 1e-3
+# After so many updates without trouble the fast solver gets another try.
+_CAREFUL_UPDATES = 20
+
+
+class SmootherError(RuledgraphError):
+    """The system is indeterminate or the estimate ran away."""
+
+
+class FixedLagSmoother:
+    """iSAM2 over the last `lag` seconds.
+
+    It takes Gauss-Newton steps by Cholesky factorisation, which is fast. Where they fail, and they
+    do when the IMU alone carries the estimate for long, it goes over to Dogleg steps by QR with
+    all that it knows, and back when that has gone well for a while.
+
+    Args:
+        lag: s.
+        updates: of iSAM2 at most after the one that takes new factors in.
+        careful: begin with Dogleg and QR.
+    """
+
+    def __init__(self, lag: float, updates: int, careful: bool = False) -> None:
+        self._lag = lag
+        self._updates = updates
+        self._times: dict[int, float] = {}
+        self.trouble = ""
+        """Why it last had to go over to careful steps."""
+        self._begin(careful)
+
+    def _begin(self, careful: bool) -> None:
+        params = gtsam.ISAM2Params()
+        params.setRelinearizeThreshold(_RELINEARIZE)
+        params.relinearizeSkip = 1
+        params.findUnusedFactorSlots = True
+        if careful:
+            params.setOptimizationParams(gtsam.ISAM2DoglegParams())
+            params.setFactorization("QR")
+        self._careful_for = _CAREFUL_UPDATES if careful else 0
+        self._smoother = gtsam.IncrementalFixedLagSmoother(self._lag, params)
+
+    @property
+    def careful(self) -> bool:
+        """Whether it takes Dogleg steps by QR now."""
+        return self._careful_for > 0
+
+    def update(
+        self,
+        factors: gtsam.NonlinearFactorGraph,
+        values: gtsam.Values,
+        times: Mapping[int, float],
+        check: Callable[[gtsam.Values], bool],
+    ) -> gtsam.Values:
+        """Add factors and variables, and the times of new and of refreshed variables.
+
+        Args:
+            factors: new ones.
+            values: of the new variables.
+            times: of new and of refreshed variables, s.
+            check: whether an estimate is about what was expected, so that no further step is
+                needed; raises `SmootherError` for one that cannot be right.
+
+        Returns:
+            The estimate of all variables.
+
+        Raises:
+            SmootherError: when the careful way fails, too. What is known is lost then.
+        """
+        # Copies: what GTSAM hands out changes with the smoother, also in an update that fails.
+        factors_before = gtsam.NonlinearFactorGraph(self._smoother.getFactors())
+        values_before = gtsam.Values(self.linearization_point())
+        # Of the last update, too: with the new ones a smoother that takes over would at once drop
+        # what new factors hang on.
+        times_before = {key: self._times[key] for key in values_before.keys()}  # noqa: SIM118
+        known = factors_before, values_before, times_before
+        self._times = times_before | dict(times)
+        was_careful = self.careful
+        self._careful_for = max(0, self._careful_for - 1)
+        if not self.careful:
+            try:
+                if was_careful:
+                    self._take_over(*known, careful=False)
+                return self._solve(factors, values, times, check)
+            except SmootherError as failure:
+                self.trouble = str(failure)
+                self._take_over(*known, careful=True)
+        return self._solve(factors, values, times, check)
+
+    def _solve(
+        self,
+        factors: gtsam.NonlinearFactorGraph,
+        values: gtsam.Values,
+        times: Mapping[int, float],
+        check: Callable[[gtsam.Values], bool],
+    ) -> gtsam.Values:
+        self._call(factors, values, times)
+        estimate, left = self._smoother.calculateEstimate(), self._updates
+        while not check(estimate) and left > 0:
+            # The pre-release of GTSAM 4.3 has no update without arguments.
+            self._call(gtsam.NonlinearFactorGraph(), gtsam.Values(), {})
+            estimate, left = self._smoother.calculateEstimate(), left - 1
+        return estimate
+
+    def _call(
+        self,
+        factors: gtsam.NonlinearFactorGraph,
+        values: gtsam.Values,
+        times: Mapping[int, float],
+    ) -> None:
+        try:
+            # GTSAM's stub wants a mapping whose key type is exactly its own.
+            self._smoother.update(factors, values, times)  # type: ignore[arg-type]
+        except (RuntimeError, IndexError, ValueError) as error:
+            raise SmootherError(" ".join(str(error).split())[:300]) from None
+
+    def _take_over(
+        self,
+        factors: gtsam.NonlinearFactorGraph,
+        values: gtsam.Values,
+        times: Mapping[int, float],
+        careful: bool,
+    ) -> None:
+        """Begin anew with the factors and variables of another smoother."""
+        kept = gtsam.NonlinearFactorGraph()
+        for i in range(factors.size()):
+            factor = factors.at(i)
+            if isinstance(factor, gtsam.LinearContainerFactor):
+                # A marginal does not know where it was linearised: where its variables are fixed.
+                factor = gtsam.LinearContainerFactor(factor.linearize(values), values)
+            if factor is not None:
+                kept.push_back(factor)
+        self._begin(careful)
+        self._call(kept, values, times)
+
+    def linearization_point(self) -> gtsam.Values:
+        """Where each variable's factors are linearised."""
+        smoother = self._smoother
+        # The pre-release of GTSAM 4.3 has it in iSAM2 alone, of which this makes a copy.
+        has_it = hasattr(smoother, "getLinearizationPoint")
+        return (smoother if has_it else smoother.getISAM2()).getLinearizationPoint()
+
+    def covariance(self, key: int) -> FloatArray | None:
+        """Marginal covariance of a variable, None when it cannot be computed."""
+        try:
+            found = np.asarray(self._smoother.marginalCovariance(key))
+        except (RuntimeError, IndexError):
+            return None
+        return found if np.isfinite(found).all() else None

@@ -1,0 +1,134 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Lines of the graph: where they are, how far they reach, when they are no good."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import gtsam
+import numpy as np
+
+from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.frontend.tracks import Track
+from ruledgraph_factors import FactorError, LineChart
+from ruledgraph_factors.so3 import hat
+
+# World coordinates (6,) and their derivative (6, 4).
+Plucker: TypeAlias = tuple[FloatArray, FloatArray]
+
+# Share of a line's sightings whose ends may lie beyond the reported ones, and how many are kept.
+_STRAY, _KEPT = 0.1, 200
+# A direction shorter than this, of a unit Plucker pair, belongs to a line at infinity.
+_INFINITE = 1e-9
+# A ray is parallel to a line below this, the sine of their angle squared.
+_PARALLEL = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class LineEstimate:
+    """A line as it left the window."""
+
+    number: int
+    ends: FloatArray
+    """In the world, (2, 3), m."""
+    covariance: FloatArray
+    """Of each end, (2, 3, 3), m^2."""
+    first_stamp: int
+    last_stamp: int
+    points: int
+    """Edge points that went into it."""
+
+
+@dataclass(eq=False)
+class GraphLine:
+    """A line variable of the graph."""
+
+    key: int
+    track: Track
+    chart: LineChart
+    delta: FloatArray
+    covariance: FloatArray
+    """Marginal, of `delta`, (4, 4), as of `covariance_time`."""
+    first_stamp: int
+    last_stamp: int
+    last_time: float
+    """Of the last knot whose interval saw it, s."""
+    linearized: FloatArray = field(default_factory=lambda: np.zeros(4))
+    """The delta at which the smoother holds its factors linearised."""
+    fixed: bool = False
+    """Whether the smoother has stopped to linearise it anew."""
+    points: int = 0
+    bad_knots: int = 0
+    covariance_time: float = -np.inf
+    _reach: list[FloatArray] = field(default_factory=list)
+    _known: tuple[FloatArray, LineChart, Plucker] | None = None
+
+    @property
+    def plucker(self) -> Plucker:
+        """`LineChart.plucker` of `delta`, computed anew when that is replaced, not every frame."""
+        known = self._known
+        if known is None or known[0] is not self.delta or known[1] is not self.chart:
+            known = self._known = self.delta, self.chart, self.chart.plucker(self.delta)
+        return known[2]
+
+    def inverse_distance(self) -> tuple[float, float]:
+        """One over the distance from the anchor and its standard deviation, 1/m."""
+        inverse, slope = self.chart.inverse_distance(self.delta)
+        return inverse, float(np.sqrt(max(float(slope @ self.covariance @ slope), 0.0)))
+
+    def note_reach(self, reach: FloatArray) -> None:
+        """From where to where it was seen, (2,), m from the point next to the anchor."""
+        self._reach.append(reach)
+        del self._reach[:-_KEPT]
+
+    def estimate(self) -> LineEstimate | None:
+        """End points as far as the line was seen; None without a finite line."""
+        if not self._reach:
+            return None
+        extent = np.diagonal(np.quantile(self._reach, [_STRAY, 1.0 - _STRAY], axis=0))
+        try:
+            ends, jacobian = self.chart.end_points(self.delta, extent)
+        except FactorError:
+            return None
+        covariance = jacobian @ self.covariance @ jacobian.transpose(0, 2, 1)
+        return LineEstimate(
+            self.track.number, ends, covariance, self.first_stamp, self.last_stamp, self.points
+        )
+
+
+def note_reach(
+    lines: Sequence[GraphLine], world_T_cams: Sequence[gtsam.Pose3], ends: FloatArray
+) -> None:
+    """Take note of how far lines were seen, each by its camera from one end to the other.
+
+    The reach of an end is s where the line, foot + s unit, is closest to the ray through it;
+    (N, 2) for ends (N, 2, 2), normalised.
+    """
+    if not lines:
+        return
+    plucker = np.array([line.plucker[0] for line in lines])
+    moment, direction = plucker[:, :3], plucker[:, 3:]
+    length = np.sqrt(np.sum(direction * direction, axis=1, keepdims=True))
+    finite = length >= _INFINITE
+    length = np.where(finite, length, 1.0)
+    unit = direction / length
+    foot = (hat(unit) @ moment[..., None])[..., 0] / length
+    # Counted from the point next to the anchor, as by `LineChart.end_points`.
+    anchors = np.array([line.chart.world_T_anchor.translation() for line in lines])
+    foot += unit * np.sum(unit * (anchors - foot), axis=1, keepdims=True)
+    rays = np.ones((len(lines), 2, 3))
+    rays[..., :2] = ends
+    rotations = np.array([camera.rotation().matrix() for camera in world_T_cams])
+    rays = rays @ rotations.transpose(0, 2, 1)
+    rays /= np.sqrt(np.sum(rays * rays, axis=2, keepdims=True))
+    cosine = (rays @ unit[..., None])[..., 0]
+    sine2 = 1.0 - cosine * cosine
+    seen = finite & (sine2 >= _PARALLEL)
+    offset = np.array([camera.translation() for camera in world_T_cams]) - foot
+    along = np.sum(unit * offset, axis=1, keepdims=True)
+    reach = along - cosine * (rays @ offset[..., None])[..., 0]
+    reach = np.sort(reach / np.where(seen, sine2, 1.0), axis=1)
+    for line, own, both in zip(lines, reach, seen.all(axis=1).tolist(), strict=True):
+        if both:
+            line.note_reach(own)

@@ -1,0 +1,61 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""All that a window knows, for a new smoother when the old one has failed."""
+
+from collections.abc import Iterable, Sequence
+
+import gtsam
+from gtsam.symbol_shorthand import B, V, X
+
+from ruledgraph.backend.landmarks import GraphLine
+from ruledgraph.backend.states import Interval, Knot, add_priors, insert_state, of_new_line
+
+# The first state is trusted this much less than it said.
+_INFLATION = 2.0
+
+
+def known_of(
+    knots: Sequence[Knot],
+    intervals: Sequence[Interval],
+    lines: Iterable[GraphLine],
+    clock_walk: float,
+) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[int, float]]:
+    """Factors, values and times (s) of a window's knots and of those of its lines that were seen
+    from them, with priors on the first knot.
+
+    Args:
+        knots: one more than intervals.
+        intervals: between them.
+        lines: that are to be kept.
+        clock_walk: of the time offset, where it is estimated: its deviation after a second, s.
+    """
+    factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    times: dict[int, float] = {}
+    add_priors(factors, knots[0], _INFLATION)
+    for knot in knots:
+        insert_state(values, knot)
+        times |= {key(knot.index): knot.time for key in (X, V, B)}
+    links = [interval.link for interval in intervals if interval.link is not None]
+    for i, link in enumerate(links):
+        tie = link.tie(links[i - 1], clock_walk) if i else None
+        factors.add(tie or link.prior(_INFLATION))
+        values.insert(link.key, link.shift)
+        times[link.key] = link.time
+    kept = {id(line) for line in lines}
+    for interval in intervals:
+        for factor in interval.imu_factors:
+            # A rest's first knot may have left.
+            if all(values.exists(key) for key in factor.keys()):  # noqa: SIM118
+                factors.add(factor)
+        for seen in interval.observations:
+            line = seen.line
+            # Factors on the key a line had before it was re-anchored stay out.
+            if id(line) not in kept or line.key != seen.factor.spec.keys[-1]:
+                continue
+            factors.add(seen.factor)
+            if line.key not in times:
+                for factor in of_new_line(interval.knot, seen):
+                    factors.add(factor)
+                values.insert(line.key, line.delta)
+                times[line.key] = line.last_time
+    return factors, values, times

@@ -1,0 +1,354 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The window's life: start, extrusion (algorithm 1), sliding (algorithm 2), and the trajectory."""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ruledgraph.backend.landmarks import LineEstimate
+from ruledgraph.baselines.paper.derotation import Derotation, Inertial, accelerated
+from ruledgraph.baselines.paper.start import PointDetector
+from ruledgraph.baselines.paper.surfaces import Points, Surfaces, loss, solve
+from ruledgraph.calibration.sensors import Calibration, FloatArray
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.estimates import Estimate, Output, Status
+from ruledgraph.core.measurements import Frame, Gap, ImuSample, Measurement
+from ruledgraph.imu.buffer import ImuBuffer
+
+LINES, FRAMES = 4, 140
+# See the package's docstring for what these stand for.
+_TAU = 0.01
+_MOST_POINTS = 20
+_LOSS, _PERTURBATION, _MOST_ATTEMPTS = 0.01, 0.03, 5
+_FIRST_DISTANCE = 1.0
+_FIRST_FORCE = 0.1
+# Share of a line's points beyond the reported ends.
+_STRAY = 0.05
+# An initial rest, s, and how little the gyroscope varies in it, rad/s.
+_REST, _STILL = 0.5, 0.02
+_FEWEST_LINES = 2
+# Depth of a ray of unit depth after derotation, at least: 87 degrees off the axis.
+_LEAST_AHEAD = 0.05
+# A line with fewer points is not seen in a frame.
+_FEWEST_POINTS = 3
+
+
+class Rulings(NamedTuple):
+    """The lines of a window, in the world."""
+
+    stamp: int
+    """Of the window's first frame, ns."""
+    ends: FloatArray
+    """Two points of each line, 1 m apart, (M, 2, 3), m."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """A frame of the window."""
+
+    stamp: int
+    inertial: Inertial
+    points: list[FloatArray]
+    """The points of each line, normalised, not derotated, (n, 2)."""
+
+    @property
+    def lines(self) -> int:
+        """How many lines have points."""
+        return sum(len(points) >= _FEWEST_POINTS for points in self.points)
+
+
+@dataclass(eq=False)
+class Window:
+    """Frames, and the surfaces estimated from their points, in the first one's camera frame."""
+
+    frames: deque[_Seen]
+    surfaces: Surfaces
+
+    @property
+    def lines(self) -> FloatArray:
+        """X0 of the lines, (M, 3), m."""
+        return self.surfaces.X0
+
+    def displacement(self, frame: _Seen) -> FloatArray:
+        """X(t) at a frame, (3,), m."""
+        first = self.frames[0].inertial
+        elapsed = np.array([frame.inertial.time - first.time])
+        X = self.surfaces.displacement(elapsed, accelerated(first, frame.inertial)[None])
+        return np.asarray(X[0])
+
+    def velocity(self, frame: _Seen) -> FloatArray:
+        """Derivative of X(t) at a frame as the IMU, not the camera, sees it, (3,), m/s."""
+        first, now = self.frames[0].inertial, frame.inertial
+        gained = first.rotation.T @ (now.velocity - first.velocity)
+        elapsed = now.time - first.time
+        velocity = self.surfaces.velocity - gained + elapsed * self.surfaces.gravity
+        return np.asarray(velocity)
+
+    def derotated(self, points: FloatArray, frame: Inertial) -> FloatArray:
+        """Points (N, 2) of a frame as the first frame's camera would see their rays, (N, 2)."""
+        R = self.frames[0].inertial.rotation.T @ frame.rotation
+        rays = points @ R[:, :2].T + R[:, 2]
+        return np.asarray(rays[:, :2] / np.where(rays[:, 2:] > _LEAST_AHEAD, rays[:, 2:], np.nan))
+
+    def points(self) -> Points:
+        """All points that the first frame's camera has before it."""
+        first = self.frames[0].inertial
+        times = np.array([frame.inertial.time - first.time for frame in self.frames])
+        gammas = np.array([accelerated(first, frame.inertial) for frame in self.frames])
+        rotations = np.array([first.rotation.T @ f.inertial.rotation for f in self.frames])
+        count = len(self.frames)
+        sizes = np.array([[len(p) for p in frame.points] for frame in self.frames]).T
+        number = np.repeat(np.tile(np.arange(count), len(sizes)), sizes.ravel())
+        line = np.repeat(np.arange(len(sizes)), sizes.sum(axis=1))
+        p = np.concatenate([f.points[i] for i in range(len(sizes)) for f in self.frames])
+        R = rotations[number]
+        rays = R[:, :, 0] * p[:, :1] + R[:, :, 1] * p[:, 1:] + R[:, :, 2]
+        ahead = rays[:, 2] > _LEAST_AHEAD
+        rays, line, number = rays[ahead], line[ahead], number[ahead]
+        return Points(rays[:, :2] / rays[:, 2:], line, times[number], gammas[number])
+
+    def slide(self) -> None:
+        """Forget the first frame and move everything to the second's camera frame."""
+        old, second = self.frames[0].inertial, self.frames[1]
+        X, velocity, surfaces = self.displacement(second), self.velocity(second), self.surfaces
+        turn = second.inertial.rotation.T @ old.rotation
+        V0 = surfaces.V0 @ turn.T
+        S = (surfaces.X0 + X) @ turn.T
+        X0 = S - np.sum(S * V0, axis=1, keepdims=True) * V0
+        self.surfaces = Surfaces(X0, V0, turn @ velocity, turn @ surfaces.gravity)
+        self.frames.popleft()
+
+
+class PaperOdometry(Output):
+    """The paper's solver behind the interface of `ruledgraph.odometry.Odometry`.
+
+    Live estimates are the newest frame's in its window, smoothed ones the chain of the windows'
+    first displacements. There are no covariances: they are NaN.
+    """
+
+    def __init__(self, calibration: Calibration) -> None:
+        super().__init__()
+        self.calibration = calibration
+        self.window: Window | None = None
+        self.status: Status = "tracking"
+        self._detector = PointDetector(calibration.camera)
+        self._imu = ImuBuffer()
+        self._waiting: deque[Frame] = deque()
+        self._origin: int | None = None
+        self._bias = np.zeros(3)
+        self._derotation = Derotation(calibration.body_T_cam, self._bias)
+        self._level = np.eye(3)
+        self._place = np.zeros(3)
+        """Of the window's first camera in the frame of the first body pose, m."""
+        self._ended = False
+        self._rulings: list[Rulings] = []
+        self._rng = np.random.default_rng(0)
+
+    # -- input -----------------------------------------------------------------------------------
+
+    def add(self, measurement: Measurement) -> None:
+        """A frame, an IMU sample, or a gap, which ends the trajectory.
+
+        Raises:
+            RuledgraphError: for an image of another size than the calibration's.
+        """
+        if self._ended:
+            return
+        if isinstance(measurement, Frame):
+            camera = self.calibration.camera
+            if measurement.image.shape != (camera.height, camera.width):
+                height, width = measurement.image.shape[:2]
+                raise RuledgraphError(
+                    f"a frame is {width}x{height}, but the calibration is for {camera.width}x"
+                    f"{camera.height}; use the calibration of this camera and resolution"
+                )
+            self._waiting.append(measurement)
+        elif isinstance(measurement, ImuSample):
+            time = self._seconds(measurement.stamp)
+            self._imu.append(time, measurement.gyroscope, measurement.accelerometer)
+            while self._waiting and self._imu.latest >= max(_REST, self._time(self._waiting[0])):
+                with self._timed("frame"):
+                    self._process(self._waiting.popleft())
+        elif isinstance(measurement, Gap):
+            self.finish()
+            self.warnings.append(
+                f"no IMU from {self._seconds(measurement.start):.2f} s: the trajectory ends there"
+            )
+            self._ended = True
+
+    def finish(self) -> None:
+        """Hand out what is still in the window."""
+        if self.window is None:
+            return
+        window, self.window = self.window, None
+        for frame in window.frames:
+            self._smoothed.append(self._estimate(window, frame))
+        self._rulings.append(self._in_world(window))
+        self._lines += self._segments(window)
+
+    # -- output ----------------------------------------------------------------------------------
+
+    def take_rulings(self) -> list[Rulings]:
+        """The lines of the windows that were left, since the last call."""
+        taken, self._rulings = self._rulings, []
+        return taken
+
+    # -- one frame -------------------------------------------------------------------------------
+
+    def _process(self, frame: Frame) -> None:
+        time = self._time(frame)
+        if not self._imu.covers(time, time):
+            return  # before the first IMU sample
+        if self.window is None:
+            self._start(frame, time)
+        else:
+            last = self.window.frames[-1].inertial
+            if time <= last.time:
+                return
+            inertial = self._derotation.next(last, time, self._imu)
+            with self._timed("search"):
+                self._extrude(self.window, frame, inertial)
+            if len(self.window.frames) > FRAMES:
+                self._slide(self.window)
+            with self._timed("solver"):
+                self._solve(self.window)
+        if self.window is not None:
+            self._live.append(self._estimate(self.window, self.window.frames[-1]))
+            self.status = self._live[-1].status
+        self._imu.forget(time)
+
+    def _start(self, frame: Frame, time: float) -> None:
+        """Lines by the Hough transform, at an assumed distance."""
+        ends = self._detector.lines(frame.image, LINES)
+        if len(ends) < _FEWEST_LINES:
+            self.warnings.append(
+                f"no start at {time:.2f} s: {len(ends)} lines by the Hough transform"
+            )
+            return
+        samples = self._imu.between(time, min(time + _REST, self._imu.latest))
+        if samples.gyroscope.std(axis=0).max() < _STILL:
+            self._bias = samples.gyroscope.mean(axis=0)
+        early = samples.times <= time + _FIRST_FORCE
+        force = samples.accelerometer[early].mean(axis=0)
+        self._derotation = Derotation(self.calibration.body_T_cam, self._bias)
+        inertial = self._derotation.first(time)
+        up = force / np.linalg.norm(force)
+        self._level = Rotation.align_vectors([0.0, 0.0, 1.0], up)[0].as_matrix()
+        V0 = np.pad(ends[:, 1] - ends[:, 0], ((0, 0), (0, 1)))
+        V0 /= np.linalg.norm(V0, axis=1, keepdims=True)
+        X0 = _FIRST_DISTANCE * np.pad(ends[:, 0], ((0, 0), (0, 1)), constant_values=1.0)
+        X0 -= np.sum(X0 * V0, axis=1, keepdims=True) * V0
+        surfaces = Surfaces(X0, V0, np.zeros(3), inertial.rotation.T @ force)
+        points = self._detector.points(frame.image)
+        chosen = self._choose(points, surfaces.distances(points, np.zeros(3)))
+        self.window = Window(deque([_Seen(frame.stamp, inertial, chosen)]), surfaces)
+
+    def _extrude(self, window: Window, frame: Frame, inertial: Inertial) -> None:
+        """Algorithm 1, first half: the points near the predicted rulings."""
+        points = self._detector.points(frame.image)
+        seen = _Seen(frame.stamp, inertial, [])
+        derotated = window.derotated(points, inertial)
+        distances = window.surfaces.distances(derotated, window.displacement(seen))
+        seen.points.extend(self._choose(points, distances))
+        window.frames.append(seen)
+
+    def _choose(self, points: FloatArray, distances: FloatArray) -> list[FloatArray]:
+        """Points (N, 2) near each line, distances (M, N), some of them where there are many."""
+        chosen = []
+        for of_line in distances:
+            near = np.flatnonzero(of_line < _TAU)
+            if len(near) > _MOST_POINTS:
+                near = self._rng.choice(near, _MOST_POINTS, replace=False)
+            chosen.append(points[near])
+        return chosen
+
+    def _slide(self, window: Window) -> None:
+        """Algorithm 2: hand out the first frame, and go on from the second."""
+        self._smoothed.append(self._estimate(window, window.frames[0]))
+        self._rulings.append(self._in_world(window))
+        first = window.frames[0].inertial
+        self._place = self._place - first.rotation @ window.displacement(window.frames[1])
+        window.slide()
+
+    def _solve(self, window: Window) -> None:
+        """The second half of both algorithms: solve, perturb while the loss is large."""
+        points, frames = window.points(), len(window.frames)
+        best = solve(window.surfaces, points)
+        least = loss(best, points, frames)
+        attempts = 0
+        while least > _LOSS and attempts < _MOST_ATTEMPTS:
+            attempts += 1
+            found = solve(best.perturbed(self._rng, _PERTURBATION), points)
+            if (its := loss(found, points, frames)) < least:
+                best, least = found, its
+        if attempts:
+            self.recoveries.append(
+                f"{window.frames[-1].inertial.time:.2f} s: perturbed {attempts} times, "
+                f"loss {least:.2g}"
+            )
+        window.surfaces = best
+
+    # -- results ---------------------------------------------------------------------------------
+
+    def _estimate(self, window: Window, frame: _Seen) -> Estimate:
+        first = window.frames[0].inertial
+        place = self._place - first.rotation @ window.displacement(frame)
+        world_T_cam = gtsam.Pose3(
+            gtsam.Rot3(self._level @ frame.inertial.rotation), self._level @ place
+        )
+        unknown = np.full((6, 6), np.nan)
+        return Estimate(
+            stamp=frame.stamp,
+            world_T_body=world_T_cam.compose(self.calibration.body_T_cam.inverse()),
+            velocity=-self._level @ first.rotation @ window.velocity(frame),
+            bias=gtsam.imuBias.ConstantBias(np.zeros(3), self._bias),
+            covariances=(unknown, unknown[:3, :3], unknown),
+            lines=frame.lines,
+            status="tracking" if frame.lines >= _FEWEST_LINES else "dead reckoning",
+            at_knot=False,
+        )
+
+    def _in_world(self, window: Window) -> Rulings:
+        first = window.frames[0]
+        R = self._level @ first.inertial.rotation
+        X0, V0 = window.surfaces.X0, window.surfaces.V0
+        ends = np.stack([X0, X0 + V0], axis=1)
+        return Rulings(first.stamp, ends @ R.T + self._level @ self._place)
+
+    def _segments(self, window: Window) -> list[LineEstimate]:
+        """The lines as far as their points in the window reach, alpha of eq. 15."""
+        points, lines = window.points(), []
+        alpha = window.surfaces.alpha(points)
+        foot, beyond = self._in_world(window).ends.transpose(1, 0, 2)
+        for i in range(len(foot)):
+            own = alpha[points.line == i]
+            if not len(own):
+                continue
+            reach = np.quantile(own, [_STRAY, 1.0 - _STRAY])
+            lines.append(
+                LineEstimate(
+                    number=i,
+                    ends=foot[i] + reach[:, None] * (beyond[i] - foot[i]),
+                    covariance=np.full((2, 3, 3), np.nan),
+                    first_stamp=window.frames[0].stamp,
+                    last_stamp=window.frames[-1].stamp,
+                    points=len(own),
+                )
+            )
+        return lines
+
+    # -- bookkeeping -----------------------------------------------------------------------------
+
+    def _seconds(self, stamp: int) -> float:
+        """Time of a stamp of the IMU's clock: since the first one."""
+        if self._origin is None:
+            self._origin = stamp
+        return (stamp - self._origin) * 1e-9
+
+    def _time(self, frame: Frame) -> float:
+        return self._seconds(frame.stamp) + self.calibration.time_offset

@@ -1,0 +1,345 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""`ruledgraph info`: what a recording holds, what would be used of it, what is wrong with it.
+
+`doctor` and `turning` judge it, and the calibration that is to go with it.
+"""
+
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from ruledgraph.calibration import CalibrationError, camera_from_info
+from ruledgraph.calibration.sensors import Calibration, CameraModel
+from ruledgraph.core.measurements import Gap
+from ruledgraph.diagnostics.checks import (
+    Finding,
+    Observations,
+    examine,
+    examine_calibration,
+    examine_camera_info,
+)
+from ruledgraph.diagnostics.extrinsics_check import examine_turning
+from ruledgraph.diagnostics.timing_plot import check_empty, draw_timing
+from ruledgraph.recording.container import Container, RawMessage, Topic
+from ruledgraph.recording.errors import RecordingError
+from ruledgraph.recording.formats import open_container
+from ruledgraph.recording.images import Grey, decode_image
+from ruledgraph.recording.messages import UnreadableMessageError, deserialise, stamp_of
+from ruledgraph.recording.recording import Recording
+from ruledgraph.recording.report import StampRange
+from ruledgraph.recording.ros_calibration import STATIC_TRANSFORMS, recorded_camera
+from ruledgraph.recording.topics import (
+    CAMERA_INFO,
+    ImuTopics,
+    camera_info_topic,
+    choose_image_topic,
+    choose_imu_topics,
+    is_rectified,
+)
+
+KINDS = {
+    "rosbag1": "ROS 1 bag",
+    "rosbag2": "ROS 2 bag",
+    "mcap": "MCAP file",
+    "asl": "EuRoC (ASL) folder",
+}
+# Images decoded to see that they can be, and how large they are.
+_FIRST_IMAGES = 5
+# Columns of the table when the output is no terminal and nothing says how wide it is.
+_PIPE_WIDTH = 160
+
+
+@dataclass
+class TopicInfo:
+    """A topic and the stamps found on it."""
+
+    name: str
+    type: str
+    messages: int
+    """As the recording's own index says."""
+    read: int
+    """Messages with a stamp that were read."""
+    rate: float
+    """Hz."""
+    longest_step: float
+    """s, between two stamps."""
+
+
+@dataclass
+class SensorInfo:
+    """What would be delivered of the camera or the IMU."""
+
+    topics: list[str]
+    count: int
+    rate: float
+    """Hz."""
+    longest_step: float
+    """s."""
+    first_stamp: int
+    """ns."""
+    last_stamp: int
+    """ns."""
+
+
+@dataclass
+class RecordingInfo:
+    """The findings."""
+
+    path: str
+    kind: str
+    topics: list[TopicInfo] = field(default_factory=list)
+    camera: SensorInfo | None = None
+    imu: SensorInfo | None = None
+    image_size: tuple[int, int] | None = None
+    """Width and height, px."""
+    overlap: float = 0.0
+    """s, for which there are both frames and IMU samples."""
+    missing: list[str] = field(default_factory=list)
+    """What stands in the way of using it."""
+    warnings: list[str] = field(default_factory=list)
+    bytes_lost: int = 0
+    findings: list[Finding] = field(default_factory=list)
+    """Whether it is good for odometry."""
+    plot: str | None = None
+    """Where the picture is."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """As JSON takes it."""
+        return asdict(self)
+
+
+def inspect_recording(
+    path: Path,
+    *,
+    image_topic: str | None = None,
+    imu_topic: str | None = None,
+    gyroscope_topic: str | None = None,
+    accelerometer_topic: str | None = None,
+    start: float | None = None,
+    duration: float | None = None,
+    calibrate: Callable[[str, str | None], Calibration | None] | None = None,
+    plots: Path | None = None,
+) -> RecordingInfo:
+    """Read every stamp and IMU sample of a recording, and its first images.
+
+    The other arguments as of `open_recording`. A recording without camera or IMU is described too,
+    with what is missing.
+
+    Args:
+        path: the recording.
+        image_topic: the camera's.
+        imu_topic: the IMU's.
+        gyroscope_topic: the gyroscope's.
+        accelerometer_topic: the accelerometer's.
+        start: s after the beginning.
+        duration: s.
+        calibrate: reads the calibration that is to go with a kind of recording and an image topic.
+        plots: a new folder for a picture of the timing.
+
+    Raises:
+        RecordingError: when it cannot be opened.
+        RuledgraphError: what `calibrate` raises.
+    """
+    if plots is not None:
+        check_empty(plots)
+    container = _Observed(open_container(path))
+    info = RecordingInfo(str(path), container.kind)
+    camera: Topic | None = None
+    imu: ImuTopics | None = None
+    try:
+        camera = choose_image_topic(container.topics, image_topic)
+    except RecordingError as error:
+        info.missing.append(str(error))
+    try:
+        imu = choose_imu_topics(container.topics, imu_topic, gyroscope_topic, accelerometer_topic)
+    except RecordingError as error:
+        info.missing.append(str(error))
+
+    calibration = calibrate(container.kind, camera.name if camera else None) if calibrate else None
+    recording = Recording(container, camera, imu, start, duration)
+    images, seen = _FirstImages(), Observations()
+    try:
+        for measurement in recording.stream_with(images):
+            if not isinstance(measurement, Gap):
+                seen.add(measurement)
+    except RecordingError as error:
+        info.missing.append(str(error))
+    container.finish()
+
+    report = recording.report
+    info.topics = [container.describe(topic) for topic in container.topics]
+    if camera is not None:
+        info.camera = _sensor([camera], report.frames)
+        if images.latest is not None:
+            height, width = images.latest.shape
+            info.image_size = width, height
+    if imu is not None:
+        info.imu = _sensor(dict.fromkeys(imu), report.imu)
+    if report.frames.count and report.imu.count:
+        begin = max(report.frames.first, report.imu.first)
+        info.overlap = max(0, min(report.frames.last, report.imu.last) - begin) * 1e-9
+    info.warnings = report.warnings
+    info.bytes_lost = report.bytes_lost
+    info.findings = list(examine(seen, calibration.imu_noise if calibration else None))
+    if calibration is None and container.camera_infos:
+        info.findings.append(_own_calibration(Recording(open_container(path), camera, imu)))
+    if calibration is not None:
+        info.findings += examine_calibration(calibration, info.image_size)
+        told = container.camera_info(camera) if camera is not None else None
+        if told is not None:
+            info.findings += examine_camera_info(calibration.camera, told)
+        if not info.missing:
+            # From where on it turns most.
+            stretch = Recording(open_container(path), camera, imu, seen.liveliest(start or 0.0))
+            info.findings += examine_turning(stretch.stream(), calibration)
+    if plots is not None:
+        info.plot = str(draw_timing(seen, plots))
+    return info
+
+
+def _own_calibration(recording: Recording) -> Finding:
+    """Whether it can be smoothed without a calibration file."""
+    try:
+        _, body_T_cam = recorded_camera(recording)
+    except RecordingError as error:
+        return Finding(False, f"no calibration of its own: {error}; pass --calibration")
+    lever = 1e3 * float(np.linalg.norm(body_T_cam.translation()))
+    return Finding(
+        True,
+        f"camera_info and {STATIC_TRANSFORMS} tell of the camera, {lever:.3g} mm from the IMU: "
+        "smooth needs only --imu",
+    )
+
+
+def print_info(info: RecordingInfo) -> None:
+    """Print it for people."""
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=_PIPE_WIDTH)
+
+    def line(label: str, text: str, style: str = "bold") -> None:
+        console.print(f"[{style}]{label:<8}[/] {escape(text)}", soft_wrap=True)
+
+    console.print(f"[bold]{escape(info.path)}[/]: {KINDS[info.kind]}", soft_wrap=True)
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("Topic", overflow="fold")
+    table.add_column("Type", overflow="fold")
+    for name in ("Messages", "Rate", "Longest step"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for topic in info.topics:
+        step = _milliseconds(topic.longest_step)
+        rate = f"{topic.rate:.3g} Hz"
+        table.add_row(escape(topic.name), topic.type, str(topic.messages), rate, step)
+    console.print(table)
+    console.print()
+    for label, sensor, what in (
+        ("Camera", info.camera, "images"),
+        ("IMU", info.imu, "samples"),
+    ):
+        if sensor is not None:
+            size = ""
+            if label == "Camera" and info.image_size:
+                size = ", {}x{}".format(*info.image_size)
+            line(
+                label,
+                f"{' + '.join(sensor.topics)}: {sensor.count} {what} at {sensor.rate:.3g} Hz"
+                f"{size}, longest step {_milliseconds(sensor.longest_step)}",
+            )
+    line("Overlap", f"{info.overlap:.2f} s of both")
+    for text in info.missing:
+        line("Missing", text, "bold red")
+    for text in info.warnings:
+        line("Warning", text, "yellow")
+    for finding in sorted(info.findings, key=lambda finding: not finding.good):
+        line(*("Good", finding.text) if finding.good else ("Check", finding.text, "yellow"))
+    if info.plot:
+        line("Plot", info.plot)
+
+
+class _Observed:
+    """A container that keeps count of all stamps while some of its messages are read, once."""
+
+    def __init__(self, container: Container) -> None:
+        self.kind = container.kind
+        self.topics = container.topics
+        self.damage = container.damage
+        self._by_name = {topic.name: topic for topic in container.topics}
+        self._all = container.messages(self._by_name)
+        self._stamps = {topic.name: StampRange() for topic in container.topics}
+        self.camera_infos: dict[str, RawMessage] = {}
+
+    def messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        for message in self._all:
+            self._note(message)
+            if message.topic in topics:
+                yield message
+
+    def finish(self) -> None:
+        """Read on to the end."""
+        for message in self._all:
+            self._note(message)
+
+    def describe(self, topic: Topic) -> TopicInfo:
+        stamps = self._stamps[topic.name]
+        step = stamps.longest_step * 1e-9
+        return TopicInfo(
+            topic.name, topic.type, topic.message_count, stamps.count, stamps.rate, step
+        )
+
+    def camera_info(self, camera: Topic) -> CameraModel | None:
+        """What the CameraInfo beside an image topic says first; None where there is none of use."""
+        name = camera_info_topic(camera.name)
+        message = self.camera_infos.get(name)
+        if message is None or not isinstance(message.data, bytes):
+            return None
+        try:
+            told = deserialise(self._by_name[name], message.data)
+            return camera_from_info(told, is_rectified(camera.name))
+        except (UnreadableMessageError, CalibrationError):
+            return None
+
+    def _note(self, message: RawMessage) -> None:
+        topic = self._by_name[message.topic]
+        if topic.type == CAMERA_INFO:
+            self.camera_infos.setdefault(topic.name, message)
+        try:
+            stamp = stamp_of(topic, message)
+        except UnreadableMessageError:
+            return
+        self._stamps[message.topic].add(stamp)
+
+
+class _FirstImages:
+    """Decodes the first images and then repeats the last of them."""
+
+    def __init__(self) -> None:
+        self.latest: Grey | None = None
+        self._decoded = 0
+
+    def __call__(self, topic: Topic, message: RawMessage) -> Grey:
+        if self.latest is None or self._decoded < _FIRST_IMAGES:
+            self.latest = decode_image(topic, message)
+            self._decoded += 1
+        return self.latest
+
+
+def _sensor(topics: Collection[Topic], stamps: StampRange) -> SensorInfo:
+    return SensorInfo(
+        [topic.name for topic in topics],
+        stamps.count,
+        stamps.rate,
+        stamps.longest_step * 1e-9,
+        stamps.first,
+        stamps.last,
+    )
+
+
+def _milliseconds(seconds: float) -> str:
+    return f"{seconds * 1e3:.1f} ms"

@@ -1,0 +1,106 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Looking for segments beside the smoother, and starting tracks on them."""
+
+import math
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import NamedTuple
+
+from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.measurements import Frame
+from ruledgraph.frontend.gradient import Gradient
+from ruledgraph.frontend.line_detection import Detector
+from ruledgraph.frontend.prefetch import Foreseen
+from ruledgraph.frontend.tracks import Tracker
+
+# A frame may come this much before its turn, ns. No more frames than this are searched ahead.
+_EARLY, _MOST_FORESEEN = 4_000_000, 8
+
+
+class _Rhythm(NamedTuple):
+    """Of the searches so far, ns."""
+
+    last: int
+    interval: int
+
+
+class _Search(NamedTuple):
+    stamp: int
+    gradient: Gradient
+    time: float
+    segments: Future[FloatArray]
+
+
+class Detection:
+    """Finds segments in a frame and starts tracks there before the next one.
+
+    The detector works in a thread of its own, while the smoother runs: the estimate of the frame
+    does not wait for it. What goes wrong there is raised when the tracks are to start.
+    """
+
+    def __init__(self, tracker: Tracker, detector: Detector) -> None:
+        self._tracker = tracker
+        self._detector = detector
+        self._worker = ThreadPoolExecutor(1, "detection")
+        self._search: _Search | None = None
+        self._last = -math.inf
+        self._rhythm: _Rhythm | None = None
+        self._foreseen = Foreseen[Future[FloatArray]](_MOST_FORESEEN, Future.cancel)
+        self._seen = 0
+
+    def is_due(self, time: float, every: float) -> bool:
+        """Whether the last search was so long before a time, both s."""
+        return time - self._last >= every
+
+    def begin(self, frame: Frame, gradient: Gradient, time: float) -> None:
+        """Look for segments in a frame with its gradient, taken at `time` (s)."""
+        self._last = time
+        segments = self._foreseen.take(frame) or self._submitted(frame)
+        last = self._rhythm.last if self._rhythm is not None else frame.stamp
+        self._rhythm = _Rhythm(frame.stamp, frame.stamp - last)
+        self._search = _Search(frame.stamp, gradient, time, segments)
+
+    def foresee(self, frame: Frame) -> None:
+        """Look for segments in a frame to come, if by the searches so far it will be its turn.
+
+        For the thread that reads ahead, each frame in order. It saves waiting, and changes nothing
+        else: what is not used is thrown away.
+        """
+        before, self._seen = self._seen, frame.stamp
+        rhythm = self._rhythm
+        if rhythm is None or rhythm.interval <= 0 or self._foreseen.full:
+            return
+        turns, turns_before = (
+            (stamp - rhythm.last + _EARLY) // rhythm.interval for stamp in (frame.stamp, before)
+        )
+        if turns > max(turns_before, 0):
+            self._foreseen.put(frame, self._submitted(frame))
+
+    def _submitted(self, frame: Frame) -> Future[FloatArray]:
+        return self._worker.submit(self._detector, frame.image)
+
+    @property
+    def pending(self) -> bool:
+        """Whether a frame was searched in which no tracks were started yet."""
+        return self._search is not None
+
+    def start_tracks(self) -> None:
+        """Start tracks in the frame that was searched, if there is one."""
+        search, self._search = self._search, None
+        if search is not None:
+            self._tracker.drop_lost()
+            self._tracker.drop_twins()
+            segments = search.segments.result()
+            self._tracker.start_new(search.stamp, search.time, segments, search.gradient)
+
+    def move(self, change: float) -> None:
+        """The clock of the frames was corrected by so much, s."""
+        self._last += change
+        if self._search is not None:
+            self._search = self._search._replace(time=self._search.time + change)
+
+    def forget(self) -> None:
+        """Start no tracks in the frame that was searched."""
+        if self._search is not None:
+            self._search.segments.cancel()
+        self._search = None

@@ -1,0 +1,217 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Edge points along a predicted ruling.
+
+The prediction is an image segment with a band of uncertainty. At stations along it the image
+derivative across it is sampled; its local maxima of the right sign are candidate edge points, and
+of all straight lines inside the band the one with most candidates wins. No picture is undistorted
+and nothing is compared with another frame: stations and points pass through the camera model.
+
+For all lines of a frame, and natively, see `batch`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ruledgraph.calibration.sensors import CameraModel, FloatArray
+from ruledgraph.frontend.gradient import Gradient
+
+# Distance between stations along the ruling, px, and the most stations.
+_SPACING = 3.0
+_MOST_STATIONS = 80
+_FEWEST_POINTS = 8
+# Smallest slope across an edge, grey levels per pixel, and how much weaker than the line usually
+# is a point may be.
+_LEAST_SLOPE = 1.5
+_LEAST_SHARE = 0.3
+# An edge with one of the other polarity so near (px) and so strong bounds a thin stripe. Blur
+# pushes the two apart, more the thinner the stripe: moving towards it would seem slower.
+_STRIPE = 5
+_STRIPE_SHARE = np.float32(0.4)
+# How far a point may lie off the winning line, px: while votes are counted, and at the end.
+_VOTE = 1.0
+_INLIER = 0.7
+# A second line this far from the winner, px, with this share of its votes, makes it ambiguous.
+_APART = 3.0
+_AMBIGUOUS = 0.85
+# Share of the stations inside the image that must have a point.
+_LEAST_SUPPORT = 0.35
+
+
+class Ruling(NamedTuple):
+    """A predicted image segment: ends (2, 2), normalised; standard deviations of the prediction
+    across it at both ends, px; and the sign and usual size of the slope across it, grey levels per
+    pixel, in the direction of `normal_of`.
+    """
+
+    ends: FloatArray
+    sigmas: tuple[float, float]
+    slope: float
+
+
+class EdgePoints(NamedTuple):
+    """What was found along a ruling."""
+
+    points: FloatArray
+    """Normalised image coordinates, (N, 2), in order along the ruling."""
+    line: tuple[float, float]
+    """a and b of the straight line through them: they are a + b s px across the prediction where s
+    goes from 0 at its first end to 1 at its second."""
+    support: float
+    """Share of the stations that have a point."""
+    deviation: float
+    """Root mean square distance from the straight line through them, px."""
+    slope: float
+    """Median slope across the edge, signed."""
+    ambiguous: bool
+    """Another line in the band has almost as many points."""
+
+
+def normal_of(ends: FloatArray) -> FloatArray:
+    """Unit normal (..., 2) of segments (..., 2, 2): their direction turned from x towards y."""
+    along = ends[..., 1, :] - ends[..., 0, :]
+    length = np.hypot(along[..., 0], along[..., 1])
+    across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+    return np.asarray(across / np.maximum(length, 1e-12)[..., None])
+
+
+def fit_line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
+    """Least squares y = a + b x: a and b."""
+    x_mean, y_mean = float(x.mean()), float(y.mean())
+    from_mean = x - x_mean
+    b = float(from_mean @ y) / float(from_mean @ from_mean)
+    return y_mean - b * x_mean, b
+
+
+def search(
+    gradient: Gradient, camera: CameraModel, ruling: Ruling, beyond: float = 0.0
+) -> EdgePoints | None:
+    """Edge points of one line, None if there is no such line in the band.
+
+    Args:
+        gradient: of the image.
+        camera: its model.
+        ruling: the prediction.
+        beyond: how far past both ends to look, as a share of the segment's length.
+    """
+    ends, normal = ruling.ends, normal_of(ruling.ends)
+    border = camera.distort(ends)
+    length = float(np.linalg.norm(border.pixels[1] - border.pixels[0]))
+    if not (_SPACING * _FEWEST_POINTS < length < 4.0 * (camera.width + camera.height)):
+        return None
+    count = int(min(length * (1.0 + 2.0 * beyond) / _SPACING, _MOST_STATIONS)) + 1
+    along = np.linspace(-beyond, 1.0 + beyond, count)
+    stations = ends[0] + along[:, None] * (ends[1] - ends[0])
+    distorted = camera.distort(stations)
+    usable = gradient.inside(distorted.pixels)
+    if usable.sum() < _FEWEST_POINTS:
+        return None
+    along, stations = along[usable], stations[usable]
+    pixels, J = distorted.pixels[usable], distorted.jacobian[usable]
+    # Across the ruling's image: perpendicular to J (ends[1] - ends[0]).
+    tangent = np.einsum("nij,j->ni", J, ends[1] - ends[0])
+    across = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    across *= np.sign(np.einsum("ni,nij,j->n", across, J, normal))[:, None]
+
+    sigma = np.array(ruling.sigmas)
+    half = int(np.ceil(3.0 * sigma.max())) + 1
+    # Sampled further than maxima are looked for: a stripe's other edge may lie outside the band.
+    steps = np.arange(-half - 1 - _STRIPE, half + 2 + _STRIPE)
+    at = pixels[:, None] + steps[:, None] * across[:, None]
+    slopes = gradient.along(at, across[:, None]) * np.float32(np.sign(ruling.slope))
+    station, offset, height = _maxima(
+        slopes, steps, max(_LEAST_SLOPE, _LEAST_SHARE * abs(ruling.slope))
+    )
+    place = along[station]
+    near = np.abs(offset) <= 3.0 * (sigma[0] + (sigma[1] - sigma[0]) * place) + 1.0
+    station, offset, height, place = station[near], offset[near], height[near], place[near]
+    if len(station) < _FEWEST_POINTS:
+        return None
+
+    line, ambiguous = _vote(place, offset, sigma)
+    chosen = _inliers(station, place, offset, line)
+    if len(chosen) < max(_FEWEST_POINTS, _LEAST_SUPPORT * len(along)):
+        return None
+    station, offset, place = station[chosen], offset[chosen], place[chosen]
+    found = camera.undistort(pixels[station] + offset[:, None] * across[station], stations[station])
+    if not np.isfinite(found).all():
+        return None
+    a, b = fit_line(place, offset)
+    deviation = float(np.sqrt(np.mean((offset - a - b * place) ** 2)))
+    return EdgePoints(
+        points=found,
+        line=(a, b),
+        support=len(chosen) / len(along),
+        deviation=deviation,
+        slope=float(np.copysign(np.median(height[chosen]), ruling.slope)),
+        ambiguous=ambiguous,
+    )
+
+
+def _maxima(
+    slopes: NDArray[np.float32], steps: NDArray[np.int64], least: float
+) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    """Station, offset (px) and height of the local maxima across the ruling, by a parabola."""
+    inner = slopes[:, _STRIPE:-_STRIPE]
+    middle, left, right = inner[:, 1:-1], inner[:, :-2], inner[:, 2:]
+    around = np.lib.stride_tricks.sliding_window_view(slopes, 2 * _STRIPE + 1, axis=1)
+    single = around.min(axis=2)[:, 1:-1] >= -_STRIPE_SHARE * middle
+    station, column = np.nonzero((middle > least) & (middle >= left) & (middle > right) & single)
+    m = middle[station, column].astype(np.float64)
+    lft = left[station, column].astype(np.float64)
+    rgt = right[station, column].astype(np.float64)
+    shift = 0.5 * (lft - rgt) / (lft - 2.0 * m + rgt)
+    return station, steps[column + 1 + _STRIPE] + shift, m
+
+
+def _vote(
+    place: FloatArray, offset: FloatArray, sigma: FloatArray
+) -> tuple[tuple[float, float], bool]:
+    """The line offset = a + b (2 place - 1) with most candidates near it, less a penalty for its
+    distance from the prediction; and whether another comes close.
+    """
+    s = 2.0 * place - 1.0
+    tilt = 3.0 * float(sigma.max())
+    slopes = np.arange(-np.ceil(tilt), np.ceil(tilt) + 0.5, 1.0)
+    reach = int(np.ceil(np.abs(offset).max() + tilt)) + 2
+    bins = 2 * reach + 1
+    intercept = offset[:, None] - s[:, None] * slopes
+    cell = np.rint(intercept).astype(np.int64) + reach
+    valid = (cell >= 0) & (cell < bins)
+    flat = (np.arange(len(slopes)) * bins + cell)[valid]
+    votes = np.bincount(flat, minlength=len(slopes) * bins).reshape(len(slopes), bins).astype(float)
+    smooth = votes.copy()
+    smooth[:, 1:] += 0.5 * votes[:, :-1]
+    smooth[:, :-1] += 0.5 * votes[:, 1:]
+    a = np.arange(bins) - reach
+    ends = np.stack([a - slopes[:, None], a + slopes[:, None]])
+    away = np.sum((ends / np.maximum(sigma, 0.5)[:, None, None]) ** 2, axis=0)
+    # One sigma off at both ends costs as much as 5 % of the points.
+    score = smooth * np.clip(1.0 - 0.025 * away, 0.0, None)
+    best = np.unravel_index(int(np.argmax(score)), score.shape)
+    b0, a0 = float(slopes[best[0]]), float(a[best[1]])
+    distance = np.maximum(np.abs(ends[0] - (a0 - b0)), np.abs(ends[1] - (a0 + b0)))
+    rival = float(score[distance > _APART].max(initial=0.0))
+    return (a0, b0), rival > _AMBIGUOUS * float(score[best])
+
+
+def _inliers(
+    station: NDArray[np.int64], place: FloatArray, offset: FloatArray, line: tuple[float, float]
+) -> NDArray[np.int64]:
+    """Indices of the points on the line, one for each station, after refining it twice."""
+    s = 2.0 * place - 1.0
+    a, b = line
+    for tolerance in (_VOTE + 0.5, _VOTE, _INLIER):
+        residual = np.abs(offset - a - b * s)
+        order = np.lexsort((residual, station))
+        first = np.ones(len(order), dtype=bool)
+        first[1:] = station[order][1:] != station[order][:-1]
+        chosen = order[first]
+        chosen = chosen[residual[chosen] < tolerance]
+        if len(chosen) < _FEWEST_POINTS or np.ptp(s[chosen]) < 0.2:
+            return chosen[:0]
+        a, b = fit_line(s[chosen], offset[chosen])
+    return np.asarray(chosen)

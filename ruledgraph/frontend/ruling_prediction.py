@@ -1,0 +1,188 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where tracks appear in the next frame: by the rotation and their own motion, or by the estimate.
+
+For all tracks of a frame at once, in arrays whose first axis is the track.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+
+from ruledgraph.backend.landmarks import GraphLine
+from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.frontend import kernel
+from ruledgraph.frontend.edge_batch import Rulings
+from ruledgraph.frontend.edge_search import normal_of
+from ruledgraph.frontend.tracks import Track
+from ruledgraph_factors.so3 import hat
+
+# Deviation of a predicted ruling that the motion's uncertainty leaves, px, and the most.
+_MOTION_SIGMA, _MOST_SIGMA = 1.2, 8.0
+# Below this depth a point is too close to the camera to be told from one behind it, m.
+_NEAREST = 0.05
+# The image of a line whose moment is shorter passes through everything: it goes through the camera.
+_THROUGH_CENTRE = 1e-9
+# A shorter direction is that of a line at infinity; the square of the sine of a line's angle with a
+# ray, below which they are parallel.
+_AT_INFINITY, _ALONG_RAY = 1e-6, 1e-4
+
+
+class CameraMotion(NamedTuple):
+    """From the last frame to this one."""
+
+    cam_R_before: FloatArray
+    """(3, 3)."""
+    elapsed: float
+    """s."""
+    world_T_before: gtsam.Pose3
+    world_T_cam: gtsam.Pose3
+
+
+def predict(
+    tracks: Sequence[Track], lines: Mapping[int, GraphLine], motion: CameraMotion, focal: float
+) -> Rulings:
+    """Rulings of all tracks: by their line, if there is one in `lines`, else by the rotation.
+
+    `lines` go by the track's number; `focal` is the focal length, px.
+    """
+    rulings = by_rotation(tracks, motion.cam_R_before, motion.elapsed, focal)
+    at = [i for i, track in enumerate(tracks) if track.number in lines]
+    known = [lines[tracks[i].number] for i in at]
+    poses = motion.world_T_before, motion.world_T_cam
+    estimated = by_estimate(known, *poses, rulings.part(at), focal)
+    rulings.ends[at], rulings.sigmas[at] = estimated.ends, estimated.sigmas
+    return rulings
+
+
+def by_rotation(
+    tracks: Sequence[Track], cam_R_before: FloatArray, elapsed: float, focal: float
+) -> Rulings:
+    """Rulings in a frame whose camera turned by `cam_R_before` in `elapsed` s since the last one.
+
+    `focal` is the focal length, px.
+    """
+    ends = np.array([track.ends for track in tracks]).reshape(-1, 2, 2)
+    moved = np.array([track.rates for track in tracks]).reshape(-1, 2) * elapsed / focal
+    turn = kernel.native.turn_all if kernel.is_native() else turn_in_numpy
+    ends = turn(ends, cam_R_before, moved).reshape(-1, 2, 2)
+    sigmas = np.array([(track.sigma, track.sigma) for track in tracks]).reshape(-1, 2)
+    return Rulings(ends, sigmas, np.array([track.slope for track in tracks]))
+
+
+def turn_in_numpy(ends: FloatArray, cam_R_before: FloatArray, moved: FloatArray) -> FloatArray:
+    """Segments (N, 2, 2) after a turn of the camera, moved on across themselves by (N, 2).
+
+    The reference of `_native_frame.turn_all`.
+    """
+    rays = _rays(ends) @ cam_R_before.T
+    ends = rays[..., :2] / rays[..., 2:]
+    return np.asarray(ends + moved[..., None] * normal_of(ends)[:, None])
+
+
+def by_estimate(
+    lines: Sequence[GraphLine],
+    world_T_before: gtsam.Pose3,
+    world_T_cam: gtsam.Pose3,
+    otherwise: Rulings,
+    focal: float,
+) -> Rulings:
+    """Where lines appear: m_c = R^T (m - p x v), with the spread their covariance gives.
+
+    Args:
+        lines: of the graph.
+        world_T_before: camera pose at the last frame.
+        world_T_cam: camera pose now.
+        otherwise: the prediction for each without its depth: for ends that the line does not fix,
+            and for a line through the camera's centre.
+        focal: focal length, px.
+    """
+    if not lines:
+        return otherwise
+    known = _Known(
+        plucker=np.array([line.plucker[0] for line in lines]),
+        by_delta=np.array([line.plucker[1] for line in lines]),
+        covariances=np.array([line.covariance for line in lines]),
+        seen=np.array([line.track.ends for line in lines]),
+        floors=np.array([_MOTION_SIGMA * 1.5**line.track.misses for line in lines]),
+    )
+    poses = world_T_before.matrix(), world_T_cam.matrix()
+    place = kernel.native.predict_all if kernel.is_native() else predict_in_numpy
+    ends, sigmas = place(*known, *poses, otherwise.ends, otherwise.sigmas, focal)
+    return Rulings(ends.reshape(-1, 2, 2), sigmas, otherwise.slopes)
+
+
+class _Known(NamedTuple):
+    """What is known of N lines."""
+
+    plucker: FloatArray
+    """World coordinates, (N, 6)."""
+    by_delta: FloatArray
+    """Their derivative, (N, 6, 4)."""
+    covariances: FloatArray
+    """Of delta, (N, 4, 4)."""
+    seen: FloatArray
+    """Ends in the last frame, (N, 2, 2)."""
+    floors: FloatArray
+    """Least deviation, (N,), px."""
+
+
+def predict_in_numpy(
+    plucker: FloatArray,
+    by_delta: FloatArray,
+    covariances: FloatArray,
+    seen: FloatArray,
+    floors: FloatArray,
+    world_T_before: FloatArray,
+    world_T_cam: FloatArray,
+    ends: FloatArray,
+    sigmas: FloatArray,
+    focal: float,
+) -> tuple[FloatArray, FloatArray]:
+    """The reference of `_native_frame.predict_all`."""
+    moment, direction = plucker[:, :3], plucker[:, 3:]
+    R, p = world_T_cam[:3, :3], world_T_cam[:3, 3]
+    by_place = hat(p)
+    m = (moment - direction @ by_place.T) @ R
+    size = np.hypot(m[:, 0], m[:, 1])[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        in_cam = (_ends_in_space(seen, moment, direction, world_T_before) - p) @ R
+        ahead = in_cam[..., 2:] > _NEAREST
+        found = np.where(ahead, in_cam[..., :2] / in_cam[..., 2:], ends)
+        # Onto the ruling.
+        off = np.einsum("nei,ni->ne", _rays(found), m)
+        found = found - off[..., None] * (m[:, :2] / size**2)[:, None]
+        by_m = R.T @ (by_delta[:, :3] - by_place @ by_delta[:, 3:])
+        gradient = _rays(found) @ by_m / size[..., None]
+        variance = np.einsum("nei,nij,nej->ne", gradient, covariances, gradient)
+        spread = np.hypot(focal * np.sqrt(np.maximum(variance, 0.0)), floors[:, None])
+    apart = size >= _THROUGH_CENTRE
+    found = np.where(apart[..., None], found, ends)
+    return found, np.where(apart, np.minimum(spread, _MOST_SIGMA), sigmas)
+
+
+def _ends_in_space(
+    seen: FloatArray, moment: FloatArray, direction: FloatArray, world_T_before: FloatArray
+) -> FloatArray:
+    """The points of the lines closest to the rays through their tracks' ends, (N, 2, 3), in the
+    world; NaN where they are parallel or the line is at infinity.
+    """
+    length = np.linalg.norm(direction, axis=1, keepdims=True)
+    unit = direction / np.where(length > _AT_INFINITY, length, np.nan)
+    foot = (hat(unit) @ (moment / length)[..., None])[..., 0]
+    rays = _rays(seen) @ world_T_before[:3, :3].T
+    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+    cosine = np.einsum("nei,ni->ne", rays, unit)
+    offset = world_T_before[:3, 3] - foot
+    sine2 = 1.0 - cosine * cosine
+    along = np.einsum("ni,ni->n", unit, offset)[:, None]
+    along = along - cosine * np.einsum("nei,ni->ne", rays, offset)
+    along /= np.where(sine2 < _ALONG_RAY, np.nan, sine2)
+    return np.asarray(foot[:, None] + along[..., None] * unit[:, None])
+
+
+def _rays(points: FloatArray) -> FloatArray:
+    """(..., 2) normalised as (..., 3), the last 1."""
+    return np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)

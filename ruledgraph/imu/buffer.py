@@ -1,0 +1,154 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The IMU samples of the last seconds, and what is not known where there are none."""
+
+import bisect
+from collections import deque
+from collections.abc import Sequence
+
+import gtsam
+import numpy as np
+
+from ruledgraph.calibration.sensors import FloatArray, ImuNoise
+from ruledgraph.imu.faults import Doubt, RangeWatch
+from ruledgraph_factors import ImuSamples
+
+# A longer stretch without a sample is a hole, s.
+_HOLE = 0.05
+# In a hole lines are followed by guesses; beyond this, s, they are not trusted.
+_LOST = 0.12
+# So long after that, or after clipped readings, s, the estimate may be off by more than it says.
+_UNSURE = 1.0
+# A reading that comes again so many times, to the last bit, is that of an IMU that hangs.
+_REPEATS = 4
+# What a straight line between two samples leaves open of rate and specific force (rad/s, m/s^2),
+# when they are this far apart (s) or further; of a shorter hole it is the square of that.
+_OPEN_RATE, _OPEN_FORCE, _LONG = 0.5, 1.5, 0.2
+
+
+class ImuBuffer:
+    """Samples in order of time (s), appended one by one and forgotten from the front.
+
+    Readings of an IMU that hangs are no samples. Whether it does shows only later: a reading that
+    is the same as the one before is held back until another one comes.
+    """
+
+    def __init__(self) -> None:
+        self._times: list[float] = []
+        self._values: list[FloatArray] = []
+        self._repeats: list[float] = []
+        self._holes: deque[Doubt] = deque()
+        self._range = RangeWatch()
+        self.range_news = ""
+        """What was found of the sensors' range with the last sample."""
+
+    def append(self, time: float, gyroscope: FloatArray, accelerometer: FloatArray) -> float:
+        """Add a sample; one that is not later than the last is ignored.
+
+        Returns:
+            How long the IMU hung before it, s.
+        """
+        hung = 0.0
+        if time <= (self._repeats or self._times or [-np.inf])[-1]:
+            return hung
+        value = np.concatenate([gyroscope, accelerometer])
+        if self._values and (value == self._values[-1]).all():
+            self._repeats.append(time)
+            return hung
+        if len(self._repeats) >= _REPEATS:
+            hung = self._repeats[-1] - self._times[-1]
+        else:
+            for repeated in self._repeats:
+                self._append(repeated, self._values[-1])
+        self._repeats.clear()
+        self._append(time, value)
+        self.range_news = self._range.add(time, value)
+        return hung
+
+    def _append(self, time: float, value: FloatArray) -> None:
+        if self._times and time - self._times[-1] > _HOLE:
+            self._holes.append(_hole(self._times[-1], time))
+        self._times.append(time)
+        self._values.append(value)
+
+    @property
+    def latest(self) -> float:
+        """Time of the last sample, -inf if there is none."""
+        return self._times[-1] if self._times else -np.inf
+
+    def covers(self, start: float, stop: float) -> bool:
+        """Whether there are samples at or beyond both ends."""
+        return len(self._times) > 1 and self._times[0] <= start and self._times[-1] >= stop
+
+    def between(self, start: float, stop: float) -> ImuSamples:
+        """The samples of [start, stop] and one beyond each end."""
+        part = self._part(start, stop)
+        values = np.array(self._values[part])
+        return ImuSamples(self._times[part], values[:, :3], values[:, 3:])
+
+    def doubts(self, start: float, stop: float) -> list[Doubt]:
+        """Where in (start, stop) samples are too far apart, or at the end of the range."""
+        return [
+            doubt
+            for doubt in (*self._holes, *self._range.doubts)
+            if doubt.stop > start and doubt.start < stop
+        ]
+
+    def is_lost(self, time: float) -> bool:
+        """Whether it is so long since the last sample that lines are no longer where expected."""
+        return any(
+            _is_hole(doubt) and time - doubt.start > _LOST for doubt in self.doubts(time, time)
+        )
+
+    def is_unsure(self, time: float) -> bool:
+        """Whether lines may have been lost, or readings were clipped, not long before."""
+        recent = self.doubts(time - _UNSURE, time)
+        return any(not _is_hole(doubt) or doubt.stop - doubt.start > _LOST for doubt in recent)
+
+    def _part(self, start: float, stop: float) -> slice:
+        first = max(bisect.bisect_right(self._times, start) - 1, 0)
+        return slice(first, bisect.bisect_left(self._times, stop) + 1)
+
+    def forget(self, before: float) -> None:
+        """Drop what is not needed to interpolate at or after `before`."""
+        keep = max(bisect.bisect_right(self._times, before) - 2, 0)
+        del self._times[:keep], self._values[:keep]
+        while self._holes and self._holes[0].stop < before:
+            self._holes.popleft()
+        self._range.forget(before)
+
+    def clear(self) -> None:
+        """Drop everything."""
+        self._times.clear()
+        self._values.clear()
+        self._repeats.clear()
+        self._holes.clear()
+        self._range.forget(np.inf)
+
+
+def _hole(start: float, stop: float) -> Doubt:
+    shorter = min((stop - start) / _LONG, 1.0) ** 2
+    return Doubt(start, stop, shorter * np.repeat([_OPEN_RATE, _OPEN_FORCE], 3))
+
+
+def _is_hole(doubt: Doubt) -> bool:
+    return bool(np.all(doubt.open > 0.0))
+
+
+def params_across(
+    noise: ImuNoise, doubts: Sequence[Doubt], start: float, stop: float
+) -> gtsam.PreintegrationCombinedParams:
+    """The noise of what is integrated from start to stop across doubtful stretches.
+
+    What a stretch leaves open does not change much within it: as white noise that leaves the same
+    at its end it has a density that grows with the root of its length.
+    """
+    variance = np.zeros(6)
+    for doubt in doubts:
+        length = doubt.stop - doubt.start
+        inside = min(doubt.stop, stop) - max(doubt.start, start)
+        variance += doubt.open**2 * length * inside / (stop - start)
+    params = noise.preintegration_params()
+    params.setGyroscopeCovariance(np.diag(noise.gyroscope**2 + variance[:3]))
+    params.setAccelerometerCovariance(np.diag(noise.accelerometer**2 + variance[3:]))
+    return params

@@ -1,0 +1,191 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Readings of the IMU that are not what it felt: single spikes, and ends of a sensor's range.
+
+A reading is gyroscope and accelerometer together, (6,), rad/s and m/s^2; times are s.
+"""
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ruledgraph.calibration.sensors import FloatArray
+
+# A spike is further from the reading before it than this (rad/s, m/s^2) ...
+_LEAST_SPIKE = np.repeat([0.2, 2.0], 3)
+# ... and than so many times the largest change between readings lately, which is forgotten with
+# this time constant, s; the one after it is back to this share of the jump. On three flights of
+# EuRoC, whose propellers shake at half the IMU's rate, with hard landings, 3 takes none for one.
+_UNUSUAL, _FADES, _BACK = 4.0, 0.25, 0.3
+# Changes must have been watched for so long, s, and neighbours be no further apart.
+_WATCHED, _NEIGHBOURS = 0.1, 0.05
+# A sensor ends where an axis reads its farthest so far, to the last bit, so often within so long,
+# s ...
+_TOUCHES, _SPAN = 5, 0.3
+# ... though it came from further off than so many of its steps: one with coarse steps that is
+# still, or turns back slowly, also stays at one reading.
+_FEWEST_STEPS = 20.0
+# Beyond its end the true value is open by this share of the end.
+_OPEN_SHARE = 0.5
+# Clipped readings no further apart than this are one stretch, s.
+_TOGETHER = 0.03
+
+
+class Reading(NamedTuple):
+    """A sample as it is used."""
+
+    time: float
+    value: FloatArray
+    replaced: bool = False
+    """Whether it was a spike: this is what its neighbours say."""
+
+
+class SpikeFilter:
+    """Passes readings on; a single one far from both its neighbours is replaced by the straight
+    line between them.
+
+    A reading that might be a spike waits for the next one; no other is delayed.
+    """
+
+    def __init__(self) -> None:
+        self._before: Reading | None = None
+        self._held: Reading | None = None
+        self._usual = np.zeros(6)
+        self._since = -np.inf
+
+    def take(self, time: float, value: FloatArray) -> list[Reading]:
+        """The readings that are ready now, in order. One that comes late is left out."""
+        last = self._held or self._before
+        if last is not None and time <= last.time:
+            return []
+        ready = []
+        before, held, self._held = self._before, self._held, None
+        if before is not None and held is not None:
+            if self._is_back(before, held, time, value):
+                share = (held.time - before.time) / (time - before.time)
+                line = before.value + share * (value - before.value)
+                held = Reading(held.time, line, replaced=True)
+            ready.append(self._pass(held))
+        new = Reading(time, value)
+        if self._is_far(new).any():
+            self._held = new
+        else:
+            ready.append(self._pass(new))
+        return ready
+
+    def _is_far(self, reading: Reading) -> NDArray[np.bool_]:
+        """By axes, whether it departs from the reading before it by more than is usual."""
+        before = self._before
+        if (
+            before is None
+            or reading.time - self._since < _WATCHED
+            or reading.time - before.time > _NEIGHBOURS
+        ):
+            return np.zeros(6, dtype=bool)
+        jump = np.abs(reading.value - before.value)
+        return np.asarray(jump > np.maximum(_LEAST_SPIKE, _UNUSUAL * self._usual))
+
+    def _is_back(self, before: Reading, held: Reading, time: float, value: FloatArray) -> bool:
+        if time - held.time > _NEIGHBOURS:
+            return False
+        jump, rest = np.abs(held.value - before.value), np.abs(value - before.value)
+        return bool(np.any(self._is_far(held) & (rest < _BACK * jump)))
+
+    def _pass(self, reading: Reading) -> Reading:
+        before, self._before = self._before, reading
+        if before is None or reading.time - before.time > _NEIGHBOURS:
+            self._usual, self._since = np.zeros(6), reading.time
+        else:
+            fading = math.exp(-(reading.time - before.time) / _FADES)
+            change = np.abs(reading.value - before.value)
+            self._usual = np.maximum(change, fading * self._usual)
+        return reading
+
+
+class Doubt(NamedTuple):
+    """A stretch of time, s, in which the IMU says less than its noise figures."""
+
+    start: float
+    stop: float
+    open: FloatArray
+    """Deviations of rate (rad/s) and specific force (m/s^2) that it leaves open, by axes, (6,)."""
+
+
+class RangeWatch:
+    """Finds where the axes of a sensor end, by readings that stay there, and when they do."""
+
+    def __init__(self) -> None:
+        self.doubts: list[Doubt] = []
+        """Stretches with clipped readings, in order."""
+        # All by axes and directions, (12,): upwards, then downwards.
+        self._farthest = np.full(12, -np.inf)
+        self._is_end = np.zeros(12, dtype=bool)
+        self._touches: list[deque[float]] = [deque() for _ in range(12)]
+        self._steps = np.full(6, np.inf)
+        self._recent: deque[tuple[float, FloatArray]] = deque()
+
+    def add(self, time: float, value: FloatArray) -> str:
+        """Take in a reading.
+
+        Returns:
+            What ends where, if that is found now.
+        """
+        both = np.concatenate([value, -value])
+        found = []
+        if self._recent:
+            before = self._recent[-1][1]
+            change = np.abs(both[:6] - before[:6])
+            self._steps = np.where(change > 0.0, np.minimum(change, self._steps), self._steps)
+            for i in (both >= self._farthest).nonzero()[0].tolist():
+                if both[i] > self._farthest[i]:
+                    self._farthest[i] = both[i]
+                    self._is_end[i] = False
+                    self._touches[i].clear()
+                if not self._is_end[i] and self._ends(i, time, change):
+                    self._is_end[i] = True
+                    found.append(_described(i, self._farthest[i]))
+                    self._mark(i, self._touches[i][0], time)
+                elif self._is_end[i]:
+                    self._mark(i, self._recent[-1][0], time)
+        self._recent.append((time, both))
+        while self._recent[0][0] < time - 2.0 * _SPAN:
+            self._recent.popleft()
+        return "; ".join(found)
+
+    def _ends(self, i: int, time: float, change: FloatArray) -> bool:
+        """Take in a touch; whether it shows the end."""
+        sensor = i % 6 // 3 * 3
+        if np.count_nonzero(change[sensor : sensor + 3]) == 0:
+            return False  # it may be the same reading handed out again
+        touches = self._touches[i]
+        touches.append(time)
+        while touches[0] < time - _SPAN:
+            touches.popleft()
+        if len(touches) < _TOUCHES:
+            return False
+        # A parabola whose top stays within one step for so long was three steps lower half as
+        # long before.
+        since = touches[0] - 0.5 * (time - touches[0])
+        earlier = [both[i] for t, both in self._recent if since <= t < touches[0]]
+        drop = self._farthest[i] - min(earlier, default=np.inf)
+        return bool(drop > _FEWEST_STEPS * self._steps[i % 6])
+
+    def _mark(self, i: int, start: float, stop: float) -> None:
+        opened = np.zeros(6)
+        opened[i % 6] = _OPEN_SHARE * abs(self._farthest[i])
+        while self.doubts and self.doubts[-1].stop >= start - _TOGETHER:
+            last = self.doubts.pop()
+            start, opened = min(start, last.start), np.maximum(opened, last.open)
+        self.doubts.append(Doubt(start, stop, opened))
+
+    def forget(self, before: float) -> None:
+        """Drop stretches that ended before a time."""
+        self.doubts = [doubt for doubt in self.doubts if doubt.stop >= before]
+
+
+def _described(i: int, end: float) -> str:
+    sensor, unit = (("gyroscope", "rad/s"), ("accelerometer", "m/s^2"))[i % 6 // 3]
+    return f"the {sensor}'s {'xyz'[i % 3]} ends at {end if i < 6 else -end:.4g} {unit}"

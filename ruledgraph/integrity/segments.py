@@ -1,0 +1,128 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where segments begin: after the end of another one, and whether a start in motion holds."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple, TypeAlias
+
+import gtsam
+import numpy as np
+
+from ruledgraph.backend.sliding_window import Window
+from ruledgraph.backend.states import Start
+from ruledgraph.calibration.sensors import FloatArray
+
+Covariances: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
+"""Of pose (6, 6), velocity (3, 3) and bias (6, 6)."""
+
+_UP = np.array([0.0, 0.0, 1.0])
+# A velocity is forgotten after so long, s.
+_FADES = 0.5
+# What a gap leaves open, deviations: acceleration, m/s^2, and turning about the vertical, rad/s.
+_OPEN_ACCELERATION, _OPEN_TURN = 1.0, 0.3
+# A start in motion is on trial for so long, s. When less than this share of its lines has stayed,
+# or beyond these (m/s, rad/s, m/s^2), it was none.
+_TRIAL, _LEAST_STAY = 0.7, 0.5
+_FASTEST, _WORST_GYROSCOPE, _WORST_ACCELEROMETER = 20.0, 0.25, 1.5
+
+
+def heading(ours: FloatArray, other: FloatArray) -> gtsam.Rot3:
+    """The turn about the vertical that best takes the other attitudes, (N, 3, 3), onto ours.
+
+    Unlike a difference of yaw angles it exists for any mounting of the body.
+    """
+    M = np.einsum("nij,nkj->ik", ours, other)
+    return gtsam.Rot3.Yaw(float(np.arctan2(M[1, 0] - M[0, 1], M[0, 0] + M[1, 1])))
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """What is open of a world's place and heading beside what is known within it."""
+
+    place: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
+    """Covariance in the world, m^2."""
+    heading: float = 0.0
+    """Variance, rad^2."""
+    about: FloatArray = field(default_factory=lambda: np.zeros(3))
+    """Where the heading turns about."""
+
+    def grown(self, place: FloatArray, heading: float, about: FloatArray) -> "Drift":
+        """This and more of both; the heading turns about another place from now on."""
+        arm = np.cross(_UP, about - self.about)
+        by_heading = self.heading * np.outer(arm, arm)
+        return Drift(self.place + by_heading + place, self.heading + heading, about)
+
+    def added(
+        self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
+    ) -> Covariances:
+        """Covariances of a state with this in them."""
+        of_pose, of_velocity, of_bias = covariances
+        R = pose.rotation().matrix()
+        of_pose = of_pose.copy()
+        of_pose[3:, 3:] += R.T @ self.place @ R
+        if self.heading == 0.0:
+            return of_pose, of_velocity, of_bias
+        arm = np.cross(_UP, pose.translation() - self.about)
+        by_heading = np.concatenate([R.T @ _UP, R.T @ arm])
+        of_pose += self.heading * np.outer(by_heading, by_heading)
+        turned = np.cross(_UP, velocity)
+        return of_pose, of_velocity + self.heading * np.outer(turned, turned), of_bias
+
+
+class Ended(NamedTuple):
+    """The last that was known of a segment."""
+
+    time: float
+    pose: gtsam.Pose3
+    velocity: FloatArray
+    covariances: Covariances
+
+
+def continued(start: Start, ended: Ended) -> tuple[Start, Drift]:
+    """A start in the world of the segment before it, and what the gap between them leaves open.
+
+    The body goes on as it moved, for a while, and keeps its heading.
+    """
+    gap = max(start.time - ended.time, 0.0)
+    attitude = ended.pose.rotation().matrix()
+    turn = heading(attitude[None], start.state.attitude().matrix()[None])
+    fading = _FADES * (1.0 - np.exp(-gap / _FADES))
+    place = ended.pose.translation() + fading * ended.velocity
+    shift = place - turn.rotate(start.state.position())
+    of_pose, of_velocity, _ = ended.covariances
+    unsure = (gap - fading) * ended.velocity
+    open_place = (
+        attitude @ of_pose[3:, 3:] @ attitude.T
+        + of_velocity * gap**2
+        + np.outer(unsure, unsure)
+        + np.eye(3) * (0.5 * _OPEN_ACCELERATION * gap**2) ** 2
+    )
+    up = attitude.T @ _UP
+    open_heading = float(up @ of_pose[:3, :3] @ up) + (_OPEN_TURN * gap) ** 2
+    return start.moved(gtsam.Pose3(turn, shift)), Drift(open_place, open_heading, place)
+
+
+class Trial:
+    """A start in motion, made at a time, until most of its lines have been seen to stay."""
+
+    def __init__(self, start: Start, time: float) -> None:
+        self._numbers = set(start.lines)
+        self._entered: set[int] = set()
+        self._until = time + _TRIAL
+        self.trouble = ""
+        """Why it was none."""
+
+    def passed(self, window: Window) -> bool:
+        """Whether it is over and went well; look at `trouble` first."""
+        knot = window.newest
+        self._entered |= self._numbers & window.lines.keys()
+        gone = len(self._entered - window.lines.keys())
+        if gone > (1.0 - _LEAST_STAY) * len(self._numbers):
+            self.trouble = f"{gone} of its {len(self._numbers)} lines did not fit for long"
+        elif not (
+            np.linalg.norm(knot.state.velocity()) < _FASTEST
+            and np.linalg.norm(knot.bias.gyroscope()) < _WORST_GYROSCOPE
+            and np.linalg.norm(knot.bias.accelerometer()) < _WORST_ACCELEROMETER
+        ):
+            self.trouble = "its velocity or biases are implausible"
+        return not self.trouble and knot.time >= self._until

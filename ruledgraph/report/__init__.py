@@ -1,8 +1,0 @@
-# SPDX-FileCopyrightText: The ruledgraph developers
-# SPDX-License-Identifier: BSD-3-Clause
-"""Results folders as one HTML page: figures, tables, pictures, settings, warnings."""
-
-from ruledgraph.report.page import write_report
-from ruledgraph.report.run import ReportError
-
-__all__ = ["ReportError", "write_report"]

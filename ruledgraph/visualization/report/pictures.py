@@ -1,0 +1,138 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pictures inside the page: those of a run's `plots` folder, and drawn ones where it lacks some."""
+
+import base64
+import io
+import re
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from matplotlib.figure import Figure
+
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.trajectory import read_tum
+from ruledgraph.evaluation.ground_truth import GroundTruth
+from ruledgraph.visualization.plots import error_figure, result_figures
+from ruledgraph.visualization.report.run import TRAJECTORIES, Run
+
+_TITLES = {
+    "trajectory": "Trajectory and lines",
+    "states": "Velocity, biases and, with ground truth, position errors, with 3 sigma",
+    "ruled_surfaces": "Ruled surfaces: lines in image and time",
+    "directrices": "Directrices and directions of the longest seen lines",
+}
+_OVERLAY = re.compile(r"overlay_(\d{1,19})")
+# Images of the camera are most of a page's size: they are stored as JPEG of this quality.
+_QUALITY = 88
+_DPI = 110
+_PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An image in the page."""
+
+    title: str
+    source: str
+    """A data URI."""
+    narrow: bool = False
+    """Whether two fit side by side."""
+
+
+def pictures(run: Run, truth: GroundTruth | None) -> tuple[list[Picture], list[str]]:
+    """All pictures of a run, and why some are missing."""
+    found, notes = [], []
+    if truth is not None:
+        estimates = {}
+        for file, name in TRAJECTORIES.items():
+            try:
+                estimates[name] = read_tum(run.folder / f"{file}.tum")
+            except RuledgraphError:  # noqa: PERF203 - `Run.not_evaluated` says so
+                continue
+        figure = error_figure(estimates, truth)
+        if figure is not None:
+            found.append(Picture("Position error, aligned", _drawn(figure)))
+    files = sorted((run.folder / "plots").glob("*.png"), key=_order)
+    names = {path.stem for path in files}
+    if not {"trajectory", "states", "directrices"} <= names:
+        try:
+            figures = result_figures(run.folder, truth)
+        except RuledgraphError as error:
+            notes.append(f"not drawn: {error}")
+        else:
+            for name, figure in figures.items():
+                if name not in names:
+                    found.append(Picture(_TITLES[name], _drawn(figure)))
+    start = _first_stamp(run.folder)
+    for path in files:
+        picture = _read(path, start)
+        if picture is None:
+            notes.append(f"{path.name}: cannot be read as a PNG")
+        else:
+            found.append(picture)
+    return found, notes
+
+
+def joint_errors(runs: Sequence[Run], truth: GroundTruth) -> Picture | None:
+    """Smoothed position errors of several runs over time."""
+    estimates = {}
+    for number, run in enumerate(runs, start=1):
+        try:
+            estimates[f"run {number}"] = read_tum(run.folder / "trajectory.tum")
+        except RuledgraphError:  # noqa: PERF203 - the table shows that it has none
+            continue
+    figure = error_figure(estimates, truth)
+    if figure is None:
+        return None
+    return Picture("Position error of the smoothed trajectories, aligned", _drawn(figure))
+
+
+def _order(path: Path) -> tuple[int, str]:
+    """Known ones first, the camera's images last."""
+    known = list(_TITLES)
+    if path.stem in known:
+        return known.index(path.stem), path.name
+    return len(known) + bool(_OVERLAY.fullmatch(path.stem)), path.name
+
+
+def _read(path: Path, start: int | None) -> Picture | None:
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return None
+    if not data.startswith(_PNG):
+        return None
+    overlay = _OVERLAY.fullmatch(path.stem)
+    if overlay is None:
+        return Picture(_TITLES.get(path.stem, path.stem), _uri("png", data))
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        return None
+    _, encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    stamp = int(overlay[1])
+    when = f"at {stamp} ns" if start is None else f"after {(stamp - start) * 1e-9:.1f} s"
+    return Picture(f"Lines {when}", _uri("jpeg", encoded.tobytes()), narrow=True)
+
+
+def _first_stamp(folder: Path) -> int | None:
+    try:
+        return int(read_tum(folder / "trajectory.tum").stamps[0])
+    except RuledgraphError:
+        return None
+
+
+def _drawn(figure: Figure) -> str:
+    file = io.BytesIO()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of layouts too small for their titles
+        figure.savefig(file, format="png", dpi=_DPI)
+    return _uri("png", file.getvalue())
+
+
+def _uri(kind: str, data: bytes) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"

@@ -1,0 +1,278 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""A run for the Rerun viewer, written to a file as it goes: nothing of it is kept in memory.
+
+- `world/body`: the live pose, and in it `camera/image` with `lines`, the rulings, and `points`,
+  yellow until the line is in the graph;
+- `world/live` and `world/smoothed`: the trajectories, a piece from each pose to the next;
+- `world/window`: the lines in the window at each knot, without badly known ones;
+- `world/lines`: lines as they left the window, with `ends`; the badly known ones in
+  `world/uncertain`, which the 3D view leaves out;
+- `states`: velocity, biases, deviation of the position and number of lines at each knot;
+- `messages`: warnings, recoveries and changes of the status.
+
+Times are those of the frames: `time`, since the first one, and `stamp`, the recording's own.
+"""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import cv2
+import numpy as np
+
+from ruledgraph.backend.landmarks import LineEstimate
+from ruledgraph.calibration.sensors import Calibration, FloatArray
+from ruledgraph.core.context import Closing
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.measurements import Frame
+from ruledgraph.frontend.tracks import Track
+from ruledgraph.odometry import Odometry
+from ruledgraph.visualization.overlay import FrameQueue, line_color
+
+# rerun's, which is imported when it is needed.
+_Stream: TypeAlias = Any
+
+_QUALITY = 85
+# Of lines that are followed but not in the graph yet; no line of the graph has it.
+_YELLOW = (255, 225, 40)
+# A line whose worse end is known worse than this is uncertain, m.
+_UNCERTAIN = 0.2
+_AXES = ("x", "y", "z")
+_STATES = ("velocity", "gyroscope_bias", "accelerometer_bias")
+_LIVE, _SMOOTHED = (38, 120, 210), (235, 125, 30)
+
+
+class RerunError(RuledgraphError):
+    """Rerun is not installed, or its file cannot be written."""
+
+
+class RerunLog(Closing):
+    """Writes an .rrd file.
+
+    Args:
+        path: must not exist; without anything to write the file goes again.
+        calibration: of the camera and its mounting.
+
+    Raises:
+        RerunError: when rerun-sdk is not installed, or the file cannot be written there.
+    """
+
+    def __init__(self, path: Path, calibration: Calibration) -> None:
+        try:
+            import rerun
+        except ImportError:
+            raise RerunError(
+                "--rerun needs the package rerun-sdk: pip install 'rerun-sdk>=0.39'"
+            ) from None
+        if path.exists():
+            raise RerunError(f"{path}: exists already, choose another name")
+        if not os.access(path.parent, os.W_OK):
+            raise RerunError(f"{path}: cannot be written: {path.parent} is no folder to write in")
+        self._rr = rerun
+        self._path = path
+        self._calibration = calibration
+        self._stream = self._begin()
+        self._first: int | None = None
+        self._now, self._knot = 0, -np.inf
+        self._frames = FrameQueue()
+        self._last: dict[str, FloatArray] = {}
+        self._status = ""
+        self._told = {"warnings": 0, "recoveries": 0}
+
+    # -- what is logged ----------------------------------------------------------------------------
+
+    def write(
+        self,
+        live: Sequence[Estimate],
+        smoothed: Sequence[Estimate],
+        lines: Sequence[LineEstimate],
+    ) -> None:
+        """Estimates and lines, as they come."""
+        rr = self._rr
+        for estimate in live:
+            self._at(estimate.stamp)
+            pose = estimate.world_T_body
+            self._log("world/body", _transform(rr, pose))
+            self._path_piece("world/live", pose.translation(), _LIVE)
+            if estimate.at_knot:
+                self._states(estimate)
+            if estimate.status != self._status:
+                self._status = estimate.status
+                self._log("messages", rr.TextLog(estimate.status, level="INFO"))
+        for estimate in smoothed:
+            self._at(estimate.stamp)
+            self._path_piece("world/smoothed", estimate.world_T_body.translation(), _SMOOTHED)
+        for line in lines:
+            self._at(line.last_stamp)
+            where = "world/lines" if _sigma(line) < _UNCERTAIN else "world/uncertain"
+            color = line_color(line.number)
+            self._log(where, rr.LineStrips3D([line.ends], colors=[color]))
+            self._log(f"{where}/ends", rr.Points3D(line.ends, colors=[color], radii=0.005))
+
+    def watch(self, odometry: Odometry, frame: Frame) -> None:
+        """Images with rulings and points, lines of the window, warnings."""
+        rr = self._rr
+        for processed in self._frames.take(odometry, frame):
+            self._now = processed.stamp
+            self._at(self._now)
+            self._image(processed, odometry)
+        if not self._now:
+            return
+        self._at(self._now)
+        window = odometry.window
+        recoveries = [*odometry.recoveries, *(window.recoveries if window is not None else ())]
+        for name, texts in (("warnings", odometry.warnings), ("recoveries", recoveries)):
+            for text in texts[self._told[name] :]:
+                self._log("messages", rr.TextLog(text, level="WARN"))
+            self._told[name] = len(texts)
+        if window is not None and window.newest.time != self._knot:
+            self._knot = window.newest.time
+            known = [line.estimate() for line in window.lines.values()]
+            drawn = [x for x in known if x is not None and _sigma(x) < _UNCERTAIN]
+            ends, colors = [line.ends for line in drawn], [line_color(x.number) for x in drawn]
+            self._log("world/window", rr.LineStrips3D(ends, colors=colors))
+
+    def _image(self, frame: Frame, odometry: Odometry) -> None:
+        rr = self._rr
+        _, encoded = cv2.imencode(".jpg", frame.image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+        image = rr.EncodedImage(contents=encoded.tobytes(), media_type="image/jpeg")
+        self._log("world/body/camera/image", image)
+        in_graph = odometry.window.lines if odometry.window is not None else {}
+        distort = self._calibration.camera.distort
+        curves: list[FloatArray] = []
+        points: list[FloatArray] = []
+        colors: list[tuple[int, int, int]] = []
+        for track in odometry.tracker.tracks:
+            seen = next((s for s in reversed(track.sightings) if s.stamp == frame.stamp), None)
+            if seen is None:
+                continue
+            along = np.linspace(0.0, 1.0, 20)[:, None]
+            ends = _ends(track, seen.points, frame.stamp)
+            curves.append(distort(ends[0] + along * (ends[1] - ends[0])).pixels)
+            points.append(distort(seen.points).pixels)
+            colors.append(line_color(track.number) if track.number in in_graph else _YELLOW)
+        # Pixel (0, 0) has its centre at (0.5, 0.5) in Rerun.
+        self._log(
+            "world/body/camera/image/lines",
+            rr.LineStrips2D([curve + 0.5 for curve in curves], colors=colors),
+        )
+        spread = [color for color, each in zip(colors, points, strict=True) for _ in each]
+        self._log(
+            "world/body/camera/image/points",
+            rr.Points2D(np.concatenate([np.empty((0, 2)), *points]) + 0.5, colors=spread),
+        )
+
+    def _states(self, estimate: Estimate) -> None:
+        scalars = self._rr.Scalars
+        bias = estimate.bias
+        values = (estimate.velocity, bias.gyroscope(), bias.accelerometer())
+        for name, value in zip(_STATES, values, strict=True):
+            self._log(f"states/{name}", scalars(value))
+        position = estimate.covariances[0][3:, 3:]
+        self._log("states/position_sigma", scalars([float(np.sqrt(np.trace(position)))]))
+        self._log("states/lines", scalars([float(estimate.lines)]))
+
+    def _path_piece(self, where: str, position: FloatArray, color: tuple[int, int, int]) -> None:
+        before = self._last.get(where)
+        self._last[where] = position
+        if before is not None:
+            self._log(where, self._rr.LineStrips3D([[before, position]], colors=[color]))
+
+    # -- the file ----------------------------------------------------------------------------------
+
+    def _at(self, stamp: int) -> None:
+        """Set the time of what is logged next."""
+        if self._first is None:
+            self._first = stamp
+        self._stream.set_time("time", duration=np.timedelta64(stamp - self._first, "ns"))
+        self._stream.set_time("stamp", timestamp=np.datetime64(stamp, "ns"))
+
+    def _log(self, where: str, what: Any) -> None:
+        self._stream.log(where, what)
+
+    def _begin(self) -> _Stream:
+        rr = self._rr
+        stream = rr.RecordingStream("ruledgraph")
+        try:
+            stream.save(self._path, default_blueprint=_layout())
+        except (OSError, RuntimeError) as error:
+            raise RerunError(f"{self._path}: cannot be written: {error}") from None
+        camera = self._calibration.camera
+        K = [[camera.fx, 0.0, camera.cx + 0.5], [0.0, camera.fy, camera.cy + 0.5], [0.0, 0.0, 1.0]]
+        fixed = {
+            "world": rr.ViewCoordinates.RIGHT_HAND_Z_UP,
+            "world/body/camera": _transform(rr, self._calibration.body_T_cam),
+            "world/body/camera/image": rr.Pinhole(
+                image_from_camera=K,
+                resolution=[camera.width, camera.height],
+                image_plane_distance=0.2,
+            ),
+        } | {f"states/{name}": rr.SeriesLines(names=_AXES) for name in _STATES}
+        for where, what in fixed.items():
+            stream.log(where, what, static=True)
+        return stream
+
+    def close(self) -> None:
+        """Write what is left."""
+        self._stream.flush()
+        self._stream.disconnect()
+        if self._first is None:
+            self._path.unlink(missing_ok=True)
+
+
+def _transform(rr: Any, pose: Any) -> Any:
+    return rr.Transform3D(translation=pose.translation(), mat3x3=pose.rotation().matrix())
+
+
+def _sigma(line: LineEstimate) -> float:
+    """Deviation of the worse end, m."""
+    return max(float(np.sqrt(np.trace(covariance))) for covariance in line.covariance)
+
+
+def _ends(track: Track, points: FloatArray, stamp: int) -> FloatArray:
+    """Of the ruling in a frame: the track's own in the last one, else the outermost points."""
+    last = track.sightings[-1].stamp == stamp and track.misses == 0
+    return track.ends if last else points[[0, -1]]
+
+
+def _layout() -> Any:
+    """Paths and finished lines from the start on, everything else as of the moment shown."""
+    import rerun.blueprint as rrb
+
+    until_now = rrb.VisibleTimeRanges(
+        [
+            rrb.VisibleTimeRange(
+                timeline,
+                start=rrb.TimeRangeBoundary.infinite(),
+                end=rrb.TimeRangeBoundary.cursor_relative(nanos=0),
+            )
+            for timeline in ("time", "stamp")
+        ]
+    )
+    kept = ("world/live", "world/smoothed", "world/lines", "world/lines/ends")
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Spatial3DView(
+                origin="world",
+                name="world",
+                contents=["$origin/**", "- $origin/uncertain/**"],
+                overrides={where: [until_now] for where in kept},
+            ),
+            rrb.Vertical(
+                rrb.Spatial2DView(origin="world/body/camera/image", name="camera"),
+                rrb.Tabs(
+                    *(
+                        rrb.TimeSeriesView(origin=f"states/{name}", name=name.replace("_", " "))
+                        for name in (*_STATES, "position_sigma", "lines")
+                    ),
+                    rrb.TextLogView(origin="messages", name="messages"),
+                ),
+            ),
+            column_shares=[3, 2],
+        ),
+        rrb.TimePanel(timeline="time", state="collapsed"),
+        collapse_panels=True,
+    )

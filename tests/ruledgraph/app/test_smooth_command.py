@@ -1,0 +1,204 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""`ruledgraph smooth` as a user runs it, and what it leaves behind."""
+
+import csv
+import itertools
+import json
+import re
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from evo.tools import file_interface
+
+from ruledgraph.app.cli import main
+from ruledgraph.app.runner import run
+from ruledgraph.calibration import write_kalibr
+from ruledgraph.core.config import Config, load_config
+from ruledgraph.core.measurements import ImuSample
+from ruledgraph.core.trajectory import Trajectory, read_tum
+from ruledgraph.recording import write_recording
+from small_simulation import frames, small_simulation, small_stream
+
+
+def smooth(*arguments: object) -> Result:
+    return CliRunner().invoke(main, ["smooth", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("recording")
+    stream, calibration = small_stream()
+    write_recording(stream, folder / "small.bag", "rosbag1")
+    write_kalibr(calibration, folder / "calib.yaml")
+    true = small_simulation().ground_truth
+    rotations = np.tile([0.0, 0.0, 0.0, 1.0], (len(true.stamps), 1))
+    Trajectory(true.stamps, true.position, rotations).write_tum(folder / "truth.tum")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def results(recording, tmp_path_factory) -> tuple[Path, Result]:
+    output = tmp_path_factory.mktemp("results") / "run1"
+    result = smooth(
+        recording / "small.bag",
+        *("--calibration", recording / "calib.yaml"),
+        *("--ground-truth", recording / "truth.tum"),
+        *("--output", output, "--plots", "-v"),
+        *("--set", "window.lag=1.4"),
+    )
+    return output, result
+
+
+def test_it_says_what_came_of_it(results):
+    output, result = results
+    assert result.exit_code == 0, result.output
+    assert "trajectory: ATE" in result.output
+    assert "mm RMSE" in result.output
+    assert "smoother: " in result.output
+    assert f"results: {output}" in result.output
+    assert result.output.endswith(f"on one page: ruledgraph report {output}\n")
+
+
+def test_all_files_are_there_and_evo_reads_the_trajectories(results):
+    output, _ = results
+    stamps = {frame.stamp for frame in frames(small_stream()[0])}
+    for name in ("trajectory.tum", "trajectory_live.tum"):
+        ours = read_tum(output / name)
+        assert set(ours.stamps.tolist()) <= stamps
+        theirs = file_interface.read_tum_trajectory_file(output / name)
+        np.testing.assert_array_equal(theirs.positions_xyz, ours.positions)
+    with (output / "states.csv").open() as file:
+        states = list(csv.DictReader(file))
+    assert len(states) > 20
+    gravity = np.array([[float(row[f"gravity_in_body_{a}"]) for a in "xyz"] for row in states])
+    np.testing.assert_allclose(np.linalg.norm(gravity, axis=1), 9.81, rtol=1e-6)
+    assert all(float(row["sigma_velocity_x"]) > 0.0 for row in states)
+    with (output / "lines.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    assert len(lines) > 5
+    assert all(float(row["covariance1_xx"]) >= 0.0 for row in lines)
+    assert load_config(output / "config.yaml") == load_config(None, ["window.lag=1.4"])
+
+
+def test_the_summary_has_the_figures(results):
+    output, _ = results
+    summary = json.loads((output / "summary.json").read_text())
+    assert summary["ended"] == "complete"
+    assert Path(summary["inputs"]["recording"]).name == "small.bag"
+    assert Path(summary["inputs"]["ground truth"]).name == "truth.tum"
+    assert "start" not in summary["inputs"]
+    assert summary["versions"].startswith("ruledgraph ")
+    assert summary["machine"].endswith(" cores")
+    assert summary["frames"] == len(frames(small_stream()[0]))
+    assert summary["accuracy"]["trajectory"]["ate_rmse"] < 0.02
+    assert summary["accuracy"]["trajectory_live"]["ate_rmse"] < 0.02
+    assert summary["recoveries"] == []
+    assert {"gradient", "search", "smoother", "detection"} <= set(summary["stages"])
+    assert summary["stages"]["smoother"]["p99_ms"] <= summary["stages"]["smoother"]["max_ms"]
+
+
+def test_the_pictures_are_drawn(results):
+    output, _ = results
+    names = {path.name for path in (output / "plots").iterdir()}
+    assert {"trajectory.png", "states.png", "ruled_surfaces.png", "directrices.png"} <= names
+    assert sum(name.startswith("overlay_") for name in names) >= 2
+
+
+def test_results_are_never_overwritten(recording, tmp_path):
+    (tmp_path / "kept.txt").write_text("mine")
+    result = smooth(
+        recording / "small.bag", "--calibration", recording / "calib.yaml", "--output", tmp_path
+    )
+    assert result.exit_code == 2
+    assert f"{tmp_path}: is not empty; name another folder with --output" in result.output
+    assert (tmp_path / "kept.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "no calibration; pass --calibration FILE"),
+        (("--calibration", "CALIB", "--set", "window.lga=2"), "no setting window.lga"),
+        (("--calibration", "CALIB", "--image-topic", "/cam7"), "/cam7"),
+        (("--calibration", "CALIB", "--ground-truth", "/nowhere"), "/nowhere"),
+        (("--calibration", "missing.yaml"), "missing.yaml"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(recording, tmp_path, arguments, message):
+    filled = [recording / "calib.yaml" if a == "CALIB" else a for a in arguments]
+    result = smooth(recording / "small.bag", "--output", tmp_path / "out", *filled)
+    assert result.exit_code == 2
+    assert message in result.output
+    assert len(result.output.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_that_does_not_exist():
+    result = smooth("nothing.bag", "--calibration", "nothing.yaml")
+    assert result.exit_code == 2
+    assert "nothing.bag" in result.output
+    assert "Traceback" not in result.output
+
+
+def test_an_interrupt_leaves_everything_up_to_then(tmp_path):
+    stream, calibration = small_stream()
+
+    def interrupted():
+        yield from stream[: len(stream) // 2]
+        raise KeyboardInterrupt
+
+    summary = run(interrupted(), calibration, Config(), tmp_path / "out")
+    assert summary["ended"] == "interrupted"
+    poses = read_tum(tmp_path / "out" / "trajectory.tum")
+    assert len(poses) == summary["frames_estimated"]
+    assert json.loads((tmp_path / "out" / "summary.json").read_text()) == summary
+
+
+def test_whatever_goes_wrong_is_on_record_and_the_reader_ends(tmp_path):
+    stream, calibration = small_stream()
+    closed = threading.Event()
+
+    def reading():
+        try:
+            yield from stream
+            yield from itertools.repeat(stream[-1])
+        finally:
+            closed.set()
+
+    def watch(_, frame):
+        if frame.stamp > stream[len(stream) // 2].stamp:
+            raise LookupError("a mistake")
+
+    def warnings():
+        # Who reads has ended: what it counted does not change any more.
+        assert closed.is_set()
+        return []
+
+    with pytest.raises(LookupError):
+        run(reading(), calibration, Config(), tmp_path / "out", watch=watch, warnings=warnings)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["ended"] == "LookupError: a mistake"
+    assert summary["frames_estimated"] == len(read_tum(tmp_path / "out" / "trajectory.tum"))
+
+
+def test_a_recording_without_motion_says_so(tmp_path):
+    stream, calibration = small_stream(moving=True)
+    only_imu = [m for m in stream if isinstance(m, ImuSample)]
+    summary = run(only_imu, calibration, Config(), tmp_path / "out")
+    assert summary["frames_estimated"] == 0
+    assert summary["warnings"][-1] == "the odometry never started"
+
+
+def test_the_readmes_python_runs(recording, tmp_path, monkeypatch, capsys):
+    readme = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```", readme, flags=re.DOTALL | re.MULTILINE)
+    (block,) = [block for block in blocks if "ruledgraph.smooth" in block]
+    (tmp_path / "flight.bag").symlink_to(recording / "small.bag")
+    (tmp_path / "calib.yaml").symlink_to(recording / "calib.yaml")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(block, "README.md", "exec"), {})
+    assert len(capsys.readouterr().out.splitlines()) > 60

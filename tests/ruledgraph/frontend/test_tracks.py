@@ -1,0 +1,150 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+
+import numpy as np
+import pytest
+
+from edge_images import CAMERA, edge_image, line_through
+from ruledgraph.core.config import EdgesConfig
+from ruledgraph.frontend.edge_batch import Rulings
+from ruledgraph.frontend.gradient import Gradient
+from ruledgraph.frontend.tracks import Tracker
+from ruledgraph_factors import CompressedPoints
+
+LEVEL, STEEP = np.array([[-0.3, -0.2], [0.3, -0.15]]), np.array([[-0.2, -0.05], [0.0, 0.3]])
+
+
+def scene(*lines: np.ndarray) -> Gradient:
+    return Gradient(edge_image(CAMERA, [(line_through(*ends), 60.0) for ends in lines]))
+
+
+def in_pixels(*lines: np.ndarray) -> np.ndarray:
+    return np.array([CAMERA.distort(ends).pixels for ends in lines])
+
+
+def where_they_are(tracker: Tracker, sigma: float = 3.0) -> Rulings:
+    """Rulings that predict no motion."""
+    return Rulings(
+        np.array([track.ends for track in tracker.tracks]).reshape(-1, 2, 2),
+        np.full((len(tracker.tracks), 2), sigma),
+        np.array([track.slope for track in tracker.tracks]),
+    )
+
+
+def started(tracker: Tracker, gradient: Gradient, *lines: np.ndarray) -> list[int]:
+    before = {track.number for track in tracker.tracks}
+    tracker.start_new(0, 0.0, in_pixels(*lines).reshape(-1, 2, 2), gradient)
+    return [track.number for track in tracker.tracks if track.number not in before]
+
+
+def test_a_line_is_started_once_whether_it_comes_twice_or_again():
+    tracker, gradient = Tracker(CAMERA, EdgesConfig()), scene(LEVEL, STEEP)
+    # The second one is a part of the first, 2 px beside it.
+    part = LEVEL[0] + [[0.1], [0.8]] * (LEVEL[1] - LEVEL[0]) + [0.0, 2.0 / CAMERA.focal_length]
+    assert started(tracker, gradient, LEVEL, part, STEEP) == [1, 2]
+    assert started(tracker, gradient, LEVEL, part, STEEP) == []
+    assert started(tracker, gradient) == []
+    for track, ends in zip(tracker.tracks, (LEVEL, STEEP), strict=True):
+        (sighting,) = track.sightings
+        points = np.column_stack([sighting.points, np.ones(len(sighting.points))])
+        # px; more than noise where the two edges cross.
+        assert np.abs(points @ line_through(*ends)).max() * CAMERA.focal_length < 0.5
+
+
+def test_no_more_lines_than_wanted_and_none_where_nothing_is():
+    two = Tracker(CAMERA, EdgesConfig(max_lines=2))
+    third = np.array([[-0.1, 0.35], [0.35, 0.2]])
+    gradient = scene(LEVEL, STEEP, third)
+    assert started(two, gradient, LEVEL, STEEP, third) == [1, 2]
+    assert started(two, gradient, third) == []
+    blank = Gradient(np.full((CAMERA.height, CAMERA.width), 90, np.uint8))
+    assert started(Tracker(CAMERA, EdgesConfig()), blank, LEVEL, STEEP) == []
+
+
+@pytest.mark.parametrize("oldest", [0, 1])
+def test_of_tracks_on_one_line_the_oldest_stays(oldest):
+    tracker, gradient = Tracker(CAMERA, EdgesConfig()), scene(LEVEL, STEEP)
+    assert started(tracker, gradient, LEVEL, STEEP) == [1, 2]
+    for i, track in enumerate(tracker.tracks):
+        track.born = float(i != oldest)
+        track.ends, track.slope = LEVEL + 0.001 * i, 20.0
+    kept = tracker.tracks[oldest]
+    tracker.drop_twins()
+    assert tracker.tracks == [kept]
+
+
+def test_motion_of_the_image_is_that_across_lines_since_a_frame():
+    tracker = Tracker(CAMERA, EdgesConfig())
+    lines = LEVEL, STEEP, np.array([[-0.1, 0.35], [0.35, 0.2]])
+    assert len(started(tracker, scene(*lines), *lines)) == 3
+    assert tracker.image_motion(since=0) == 0.0
+    for i in (1, 2):
+        down = np.array([0.0, 2.0 * i / CAMERA.focal_length])
+        moved = [ends + down for ends in lines]
+        rulings = where_they_are(tracker)
+        assert tracker.follow(i, 0.05 * i, scene(*moved), rulings) == tracker.tracks
+    # Downwards by 4 px, seen across the line that moves neither most nor least.
+    along = np.diff(lines, axis=1)[:, 0]
+    across = 4.0 * float(np.median(np.abs(along[:, 0]) / np.linalg.norm(along, axis=1)))
+    assert tracker.image_motion(since=0) == pytest.approx(across, abs=0.2)
+    assert tracker.image_motion(since=1) == pytest.approx(0.5 * across, abs=0.2)
+    assert tracker.image_motion(since=7) == np.inf
+
+
+def test_a_frame_counts_for_no_more_than_was_configured():
+    tracker, gradient = Tracker(CAMERA, EdgesConfig(effective_points=12.0)), scene(LEVEL)
+    assert started(tracker, gradient, LEVEL) == [1]
+    tracker.follow(1, 0.05, gradient, where_they_are(tracker))
+    first, second = tracker.tracks[0].sightings
+    for sighting in (first, second):
+        assert len(sighting.points) > 12
+        C = CompressedPoints.from_frames([sighting.points], effective_points=12.0).statistics[0]
+        mine = sighting.statistics
+        np.testing.assert_allclose(mine.T @ mine, C.T @ C, atol=1e-12)
+
+
+def test_a_line_that_is_not_there_is_missed_until_it_is_lost():
+    tracker = Tracker(CAMERA, EdgesConfig())
+    assert started(tracker, scene(LEVEL, STEEP), LEVEL, STEEP) == [1, 2]
+    level, steep = tracker.tracks
+    for i in range(1, 5):
+        assert not steep.lost
+        rulings = where_they_are(tracker)
+        rulings.ends[1] += 0.001
+        assert tracker.follow(i, 0.02 * i, scene(LEVEL), rulings) == [level]
+        # It goes on as predicted, less and less sure.
+        np.testing.assert_allclose(steep.ends, rulings.ends[1], atol=1e-12)
+        assert steep.misses == i
+    assert steep.lost
+    assert (level.misses, level.last_seen) == (0, 0.08)
+    assert len(steep.sightings) == 1
+    tracker.drop_lost()
+    assert tracker.tracks == [level]
+
+
+def test_a_line_out_of_view_is_lost_at_once():
+    tracker = Tracker(CAMERA, EdgesConfig())
+    assert started(tracker, scene(LEVEL, STEEP), LEVEL, STEEP) == [1, 2]
+    rulings = where_they_are(tracker)
+    rulings.ends[0] += [0.0, 3.0]
+    assert tracker.follow(1, 0.05, scene(LEVEL, STEEP), rulings) == tracker.tracks[1:]
+    assert tracker.tracks[0].lost
+
+
+def test_of_two_lines_in_the_band_neither_is_taken():
+    tracker = Tracker(CAMERA, EdgesConfig())
+    assert started(tracker, scene(LEVEL), LEVEL) == [1]
+    apart = np.array([0.0, 6.0 / CAMERA.focal_length])
+    # A bright stripe's two edges have opposite slopes: two steps of like polarity instead.
+    steps = Gradient(
+        edge_image(CAMERA, [(line_through(*(LEVEL + side * apart)), 40.0) for side in (-1, 1)])
+    )
+    assert tracker.follow(1, 0.05, steps, where_they_are(tracker, sigma=4.0)) == []
+    assert tracker.tracks[0].misses == 1
+
+
+def test_every_track_needs_its_ruling():
+    tracker, gradient = Tracker(CAMERA, EdgesConfig()), scene(LEVEL, STEEP)
+    assert started(tracker, gradient, LEVEL, STEEP) == [1, 2]
+    with pytest.raises(ValueError, match="shorter"):
+        tracker.follow(1, 0.05, gradient, where_they_are(tracker).part([0]))

@@ -1,0 +1,117 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+
+import numpy as np
+import pytest
+
+from ruledgraph.calibration.sensors import D435I_LIKE
+from ruledgraph.imu.buffer import ImuBuffer, params_across
+
+STEP = 0.005
+
+
+def filled(skip=(), hang=()) -> ImuBuffer:
+    """Samples at 200 Hz for a second, without those in `skip`, and with repetitions in `hang`."""
+    rng = np.random.default_rng(0)
+    imu, reading = ImuBuffer(), rng.normal(size=(2, 3))
+    for i in range(200):
+        if i in skip:
+            continue
+        if i not in hang:
+            reading = rng.normal(size=(2, 3))
+        imu.append(i * STEP, *reading)
+    return imu
+
+
+def test_where_samples_are_missing_there_is_a_hole():
+    imu = filled(skip=range(100, 140))
+    ((start, stop, _),) = imu.doubts(0.0, 0.99)
+    assert (start, stop) == pytest.approx((99 * STEP, 140 * STEP))
+    assert len(imu.doubts(0.6, 0.65)) == 1
+    assert imu.doubts(0.0, 0.495) == imu.doubts(0.701, 0.9) == []
+    assert filled(skip=range(100, 105)).doubts(0.0, 0.99) == []
+
+
+def test_a_hanging_imu_is_silent():
+    imu = filled(hang=range(100, 140))
+    ((start, stop, _),) = imu.doubts(0.0, 0.99)
+    assert (start, stop) == pytest.approx((99 * STEP, 140 * STEP))
+
+
+def test_while_it_hangs_time_stands_still_and_then_it_is_told():
+    imu = filled(hang=range(150, 200))
+    assert imu.latest == pytest.approx(149 * STEP)
+    assert imu.append(200 * STEP, np.ones(3), np.ones(3)) == pytest.approx(50 * STEP)
+    assert imu.latest == pytest.approx(200 * STEP)
+
+
+def test_some_equal_readings_are_samples():
+    imu = filled(hang=(100, 101, 102))
+    assert len(imu.between(0.0, 0.995).times) == 200
+
+
+def test_noise_across_holes():
+    clean = params_across(D435I_LIKE, [], 0.0, 0.1)
+    assert clean.equals(D435I_LIKE.preintegration_params(), 0.0)
+    densities = []
+    for length in (0.06, 0.1, 0.3, 0.5):
+        imu = filled(skip=range(40, 40 + round(length / STEP)))
+        (hole,) = imu.doubts(0.0, 0.99)
+        density = rate_density(hole, hole.start, hole.stop)
+        densities.append(density)
+        # Half of it has what belongs to half of it.
+        middle = 0.5 * (hole.start + hole.stop)
+        assert rate_density(hole, hole.start, middle) == pytest.approx(density)
+        assert rate_density(hole, hole.start - 0.1, hole.stop) < density
+    assert densities == sorted(densities)
+    # After half a second of silence the attitude is open by half of that, in rad, at 0.5 rad/s.
+    assert densities[-1] * np.sqrt(0.5) == pytest.approx(0.25, rel=0.05)
+
+
+def rate_density(doubt, start: float, stop: float) -> float:
+    """Of the gyroscope, rad/s/sqrt(Hz), the same in all directions."""
+    params = params_across(D435I_LIKE, [doubt], start, stop)
+    covariance = params.getGyroscopeCovariance()
+    np.testing.assert_allclose(covariance, covariance[0, 0] * np.eye(3), atol=1e-15)
+    return float(np.sqrt(covariance[0, 0]))
+
+
+def clipped() -> ImuBuffer:
+    """Swinging about x at 1 Hz by 1 rad/s for 2 s at 200 Hz; the gyroscope ends at 0.8 rad/s."""
+    rng = np.random.default_rng(0)
+    imu = ImuBuffer()
+    for time in np.arange(0.0, 2.0, STEP).tolist():
+        rate = np.array([np.sin(2 * np.pi * time), 0.0, 0.0]) + 0.003 * rng.normal(size=3)
+        force = np.array([0.0, 0.0, 9.81]) + 0.02 * rng.normal(size=3)
+        imu.append(time, np.clip(rate, -0.8, 0.8), force)
+    return imu
+
+
+def test_clipped_readings_are_doubtful_in_their_axis():
+    imu = clipped()
+    upper, lower, *_ = doubts = imu.doubts(0.0, 2.0)
+    assert len(doubts) == 4
+    # A sine is above 0.8 from 53 to 127 degrees.
+    assert (upper.start, upper.stop) == pytest.approx((53 / 360, 127 / 360), abs=2 * STEP)
+    assert (lower.start, lower.stop) == pytest.approx((233 / 360, 307 / 360), abs=2 * STEP)
+    covariance = params_across(
+        D435I_LIKE, [upper], upper.start, upper.stop
+    ).getGyroscopeCovariance()
+    # Open by half of 0.8 rad/s all along.
+    length = upper.stop - upper.start
+    assert np.sqrt(covariance[0, 0] * length) == pytest.approx(0.4 * length, rel=0.01)
+    assert covariance[1, 1] == covariance[2, 2] == pytest.approx(D435I_LIKE.gyroscope**2)
+    imu.forget(1.0)
+    assert len(imu.doubts(0.0, 2.0)) == 2
+
+
+def test_how_long_estimates_are_unsure():
+    imu = clipped()
+    assert imu.is_unsure(0.2)
+    assert not imu.is_unsure(0.1)
+    assert not imu.is_lost(0.2)  # lines are still where the other axes say
+    for missing, unsure in ((15, False), (60, True)):
+        imu = filled(skip=range(40, 40 + missing))
+        assert imu.is_lost((40 + missing - 2) * STEP) == unsure
+        assert not imu.is_lost((40 + missing + 1) * STEP)
+        assert imu.is_unsure((40 + missing + 10) * STEP) == unsure

@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+
+from types import SimpleNamespace
+
+import gtsam
+import numpy as np
+import pytest
+
+from ruledgraph.backend.states import Start
+from ruledgraph.integrity.segments import Drift, Ended, Trial, continued, heading
+
+MOUNTINGS = (gtsam.Rot3(), gtsam.Rot3.Ry(-np.pi / 2), gtsam.Rot3.Rx(-np.pi / 2))
+CERTAIN = (np.eye(6) * 1e-6, np.eye(3) * 1e-6, np.eye(6) * 1e-6)
+
+
+def start_at(pose: gtsam.Pose3, time: float = 0.0, lines=()) -> Start:
+    return Start(
+        stamp=0,
+        time=time,
+        state=gtsam.NavState(pose, np.zeros(3)),
+        bias=gtsam.imuBias.ConstantBias(),
+        pose_covariance=np.eye(6),
+        velocity_sigma=1.0,
+        bias_sigmas=np.ones(6),
+        lines=dict.fromkeys(lines),
+    )
+
+
+@pytest.mark.parametrize("mounting", MOUNTINGS)
+def test_headings_of_any_mounting(mounting):
+    rng = np.random.default_rng(0)
+    true = [gtsam.Rot3.Expmap(0.1 * rng.normal(size=3)) * mounting for _ in range(5)]
+    ours = [gtsam.Rot3.Yaw(2.5) * R for R in true]
+    turn = heading(*(np.array([R.matrix() for R in attitudes]) for attitudes in (ours, true)))
+    assert turn.yaw() == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize("mounting", MOUNTINGS)
+def test_a_segment_goes_on_where_the_last_one_ended(mounting):
+    tilted = gtsam.Rot3.Expmap(np.array([0.05, -0.02, 0.0])) * mounting
+    pose = gtsam.Pose3(gtsam.Rot3.Yaw(1.0) * tilted, np.array([1.0, 2.0, 3.0]))
+    ended = Ended(10.0, pose, np.array([0.3, 0.0, 0.0]), CERTAIN)
+    fresh = start_at(gtsam.Pose3(gtsam.Rot3.Yaw(-2.0) * tilted, np.array([5.0, 5.0, 5.0])), 10.01)
+    start, drift = continued(fresh, ended)
+    assert start.state.attitude().equals(pose.rotation(), 1e-6)
+    np.testing.assert_allclose(start.state.position(), [1.003, 2.0, 3.0], atol=1e-4)
+    assert np.sqrt(np.trace(drift.place)) < 0.01
+
+
+def test_what_a_gap_leaves_open_grows_with_it():
+    pose = gtsam.Pose3(gtsam.Rot3.Yaw(1.0), np.array([1.0, 2.0, 3.0]))
+    ended = Ended(10.0, pose, np.array([2.0, 0.0, 0.0]), CERTAIN)
+    sigmas = []
+    for gap in (0.1, 1.0, 5.0):
+        start, drift = continued(start_at(gtsam.Pose3(), 10.0 + gap), ended)
+        off = start.state.position() - (pose.translation() + gap * ended.velocity)
+        assert off @ np.linalg.solve(drift.place, off) < 1.5  # had it gone on as it went
+        sigmas.append([np.sqrt(np.trace(drift.place)), np.sqrt(drift.heading)])
+    assert np.all(np.diff(sigmas, axis=0) > 0.0)
+
+
+def test_drift_in_covariances():
+    """By many worlds that are off as it says."""
+    rng = np.random.default_rng(0)
+    pose = gtsam.Pose3(gtsam.Rot3.RzRyRx(0.5, -0.8, 2.0), np.array([3.0, 1.0, 0.5]))
+    velocity, place = np.array([1.0, 2.0, 0.0]), np.diag([1e-4, 4e-4, 1e-6])
+    drift = Drift(place, 1e-4, np.array([1.0, 0.0, 0.0]))
+    of_pose, of_velocity, _ = drift.added(CERTAIN, pose, velocity)
+    errors, changes = [], []
+    for _ in range(20_000):
+        turn = gtsam.Rot3.Yaw(1e-2 * rng.normal())
+        shift = rng.multivariate_normal(np.zeros(3), place) + drift.about
+        world = gtsam.Pose3(turn, shift - turn.rotate(drift.about))
+        errors.append(pose.localCoordinates(world * pose))
+        changes.append(turn.rotate(velocity) - velocity)
+    np.testing.assert_allclose(np.cov(np.array(errors).T), of_pose, atol=2e-5)
+    np.testing.assert_allclose(np.cov(np.array(changes).T), of_velocity, atol=2e-5)
+
+
+def window_at(time: float, lines, velocity=0.0):
+    state = gtsam.NavState(gtsam.Pose3(), np.array([velocity, 0.0, 0.0]))
+    knot = SimpleNamespace(time=time, state=state, bias=gtsam.imuBias.ConstantBias())
+    return SimpleNamespace(newest=knot, lines=dict.fromkeys(lines))
+
+
+def test_a_trial_is_passed_by_lines_that_stay():
+    trial = Trial(start_at(gtsam.Pose3(), lines=range(6)), 1.0)
+    for time in (1.0, 1.2, 1.4):
+        assert not trial.passed(window_at(time, range(20)))
+    assert trial.passed(window_at(1.8, [0, 1, 2, 3, 17]))
+    assert not trial.trouble
+
+
+def test_a_trial_fails_when_lines_go_or_the_state_is_absurd():
+    trial = Trial(start_at(gtsam.Pose3(), lines=range(6)), 1.0)
+    assert not trial.passed(window_at(1.0, range(6)))
+    assert not trial.passed(window_at(1.3, [0, 1]))
+    assert trial.trouble == "4 of its 6 lines did not fit for long"
+    fast = Trial(start_at(gtsam.Pose3(), lines=range(6)), 1.0)
+    assert not fast.passed(window_at(2.0, range(6), velocity=30.0))
+    assert "implausible" in fast.trouble

@@ -1,0 +1,190 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""`ruledgraph smooth --rerun`, read back from its file."""
+
+import csv
+import sys
+import warnings
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from ruledgraph.app.cli import main
+from ruledgraph.calibration import write_kalibr
+from ruledgraph.core.measurements import Frame
+from ruledgraph.core.trajectory import read_tum
+from ruledgraph.recording import write_recording
+from ruledgraph.visualization.rerun_log import RerunError, RerunLog
+from small_simulation import small_stream
+
+
+def smooth(recording: Path, *arguments: object) -> Result:
+    calibration = recording.with_name("calib.yaml")
+    return CliRunner().invoke(
+        main, ["smooth", str(recording), "--calibration", str(calibration), *map(str, arguments)]
+    )
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("recording")
+    stream, calibration = small_stream()
+    write_recording(stream, folder / "small.bag", "rosbag1")
+    write_kalibr(calibration, folder / "calib.yaml")
+    return folder / "small.bag"
+
+
+def read_back(path: Path) -> dict[str, dict[str, list]]:
+    """Entity -> column -> values with the stamp of each."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        try:
+            from rerun.chunk import RrdReader
+        except ImportError:
+            from rerun.experimental import RrdReader
+    found: dict[str, dict[str, list]] = defaultdict(lambda: defaultdict(list))
+    for chunk in RrdReader(str(path)).stream():
+        batch = chunk.to_record_batch()
+        columns = dict(zip(batch.schema.names, batch.columns, strict=True))
+        stamps = columns.get("stamp")
+        for name, values in columns.items():
+            if ":" in name:
+                times = [None] * len(values) if stamps is None else stamps.cast("int64").to_pylist()
+                pairs = zip(times, values.to_pylist(), strict=True)
+                found[str(chunk.entity_path)][name.split(":")[1]] += [
+                    (time, value) for time, value in pairs if value is not None
+                ]
+    return found
+
+
+@pytest.fixture(scope="module")
+def logged(recording, tmp_path_factory):
+    pytest.importorskip("rerun")
+    output = tmp_path_factory.mktemp("logged")
+    result = smooth(recording, "--output", output / "run", "--rerun", output / "run.rrd")
+    assert result.exit_code == 0, result.output
+    assert f"for the Rerun viewer: {output / 'run.rrd'}" in result.output
+    return output / "run", read_back(output / "run.rrd")
+
+
+def test_live_poses_are_there_at_their_stamps(logged):
+    folder, found = logged
+    live = read_tum(folder / "trajectory_live.tum")
+    positions = dict(found["/world/body"]["translation"])
+    assert sorted(positions) == live.stamps.tolist()
+    there = np.array([positions[stamp] for stamp in live.stamps.tolist()]).reshape(-1, 3)
+    np.testing.assert_allclose(there, live.positions, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("entity", "file"),
+    [("/world/live", "trajectory_live.tum"), ("/world/smoothed", "trajectory.tum")],
+)
+def test_paths_are_pieces_from_pose_to_pose(logged, entity, file):
+    folder, found = logged
+    poses = read_tum(folder / file)
+    pieces = dict(found[entity]["strips"])
+    assert sorted(pieces) == poses.stamps[1:].tolist()
+    there = np.array([pieces[stamp] for stamp in poses.stamps[1:].tolist()]).reshape(-1, 2, 3)
+    np.testing.assert_allclose(there[:, 0], poses.positions[:-1], atol=1e-5)
+    np.testing.assert_allclose(there[:, 1], poses.positions[1:], atol=1e-5)
+
+
+def test_lines_and_their_ends_are_those_of_the_table(logged):
+    folder, found = logged
+    with (folder / "lines.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    ends = [[[float(row[f"{a}{end}"]) for a in "xyz"] for end in (1, 2)] for row in rows]
+    both = ("/world/lines", "/world/uncertain")
+    assert all(found[entity]["strips"] for entity in both)
+    strips = [v for entity in both for _, v in found[entity]["strips"]]
+    points = [v for entity in both for _, v in found[f"{entity}/ends"]["positions"]]
+    for there in (strips, points):
+        there = np.array(there).reshape(-1, 6)
+        wanted = np.array(ends).reshape(-1, 6)
+        order = [np.abs(there - row).max(axis=1).argmin() for row in wanted]
+        assert sorted(order) == list(range(len(rows)))
+        np.testing.assert_allclose(there[order], wanted, rtol=1e-4, atol=1e-4)
+
+
+def test_images_carry_rulings_and_points_of_the_same_frame(logged):
+    import cv2
+
+    _, found = logged
+    frames = {m.stamp: m.image for m in small_stream()[0] if isinstance(m, Frame)}
+    images = dict(found["/world/body/camera/image"]["blob"])
+    assert set(images) <= set(frames)
+    assert len(frames) - len(images) <= 2
+    for stamp in list(images)[::40]:
+        data = np.array(images[stamp][0], dtype=np.uint8)
+        decoded = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE).astype(float)
+        assert np.abs(decoded - frames[stamp]).mean() < 4.0
+    strips = dict(found["/world/body/camera/image/lines"]["strips"])
+    points = dict(found["/world/body/camera/image/points"]["positions"])
+    stamp = sorted(strips)[len(strips) // 2]
+    assert len(strips[stamp]) > 3
+    # Every edge point lies close to some ruling of its frame.
+    curves = np.array(strips[stamp]).reshape(-1, 2)
+    away = np.linalg.norm(np.array(points[stamp])[:, None] - curves[None], axis=2).min(axis=1)
+    assert np.quantile(away, 0.9) < 10.0
+
+
+def test_states_are_those_of_the_knots(logged):
+    folder, found = logged
+    with (folder / "states.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    velocities = found["/states/velocity"]["scalars"]
+    assert len(velocities) == len(rows)
+    there = np.array([value for _, value in sorted(velocities)])
+    wanted = np.array([[float(row[f"velocity_{a}"]) for a in "xyz"] for row in rows])
+    np.testing.assert_allclose(there, wanted, rtol=1e-6, atol=1e-9)
+    for name in ("gyroscope_bias", "accelerometer_bias", "position_sigma", "lines"):
+        assert len(found[f"/states/{name}"]["scalars"]) == len(rows)
+    assert len(found["/world/window"]["strips"]) == len(rows)
+    texts = [value[0] for _, value in found["/messages"]["text"]]
+    assert {"still", "tracking"} <= set(texts)
+
+
+def test_without_rerun_it_says_what_to_install(recording, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    result = smooth(recording, "--output", tmp_path / "run", "--rerun", tmp_path / "run.rrd")
+    assert result.exit_code == 2
+    assert result.output == (
+        "ruledgraph: --rerun needs the package rerun-sdk: pip install 'rerun-sdk>=0.39'\n"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_existing_file_is_kept(recording, tmp_path):
+    pytest.importorskip("rerun")
+    (tmp_path / "mine.rrd").write_text("mine")
+    result = smooth(recording, "--output", tmp_path / "run", "--rerun", tmp_path / "mine.rrd")
+    assert result.exit_code == 2
+    assert result.output.endswith("mine.rrd: exists already, choose another name\n")
+    assert (tmp_path / "mine.rrd").read_text() == "mine"
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_folder_that_is_none(tmp_path):
+    pytest.importorskip("rerun")
+    with pytest.raises(RerunError, match=r"run\.rrd: cannot be written"):
+        RerunLog(tmp_path / "nowhere" / "run.rrd", small_stream()[1])
+
+
+def test_a_run_that_never_began_leaves_no_file(recording, tmp_path):
+    pytest.importorskip("rerun")
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "kept.txt").write_text("mine")
+    result = smooth(recording, "--output", tmp_path / "run", "--rerun", tmp_path / "run.rrd")
+    assert result.exit_code == 2
+    assert "is not empty" in result.output
+    assert not (tmp_path / "run.rrd").exists()
+
+
+def test_the_papers_solver_has_none(recording, tmp_path):
+    result = smooth(recording, "--solver", "paper", "--rerun", tmp_path / "run.rrd")
+    assert result.exit_code == 2
+    assert "--rerun: the paper's solver has none; leave it out" in result.output
