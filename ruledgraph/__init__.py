@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     __version__: str
 
 _LAZY = {
-    "Calibration": "sensors",
-    "Config": "config",
-    "Estimate": "estimates",
-    "Odometry": "pipeline",
-    "load_config": "config",
+    "Calibration": "calibration.sensors",
+    "Config": "core.config",
+    "Estimate": "core.estimates",
+    "Odometry": "odometry",
+    "load_config": "core.config",
     "open_recording": "recording",
     "read_calibration": "calibration",
-    "smooth": "pipeline",
+    "smooth": "odometry",
 }
 __all__ = ["__version__", *_LAZY]
 
