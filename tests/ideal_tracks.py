@@ -9,7 +9,7 @@ import gtsam
 import numpy as np
 
 from ruledgraph.calibration.sensors import D435I_LIKE, Calibration, CameraModel
-from ruledgraph.frontend.tracks import Sighting, Track
+from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph.simulation.edges import observe_segment
@@ -31,7 +31,7 @@ class IdealTracks:
     imu: ImuBuffer
     bias: np.ndarray
     times: np.ndarray
-    tracks: list[Track]
+    tracks: list[LineTrack]
 
     @property
     def stamps(self) -> list[int]:
@@ -73,10 +73,7 @@ def ideal_tracks(
             )
             for time in times
         )
-        last = sightings[-1].points
-        tracks.append(
-            Track(number, 0.0, last[[0, -1]], 20.0, sightings, last_seen=float(times[-1]))
-        )
+        tracks.append(LineTrack(number, 0.0, True, sightings))
     return IdealTracks(motion, imu, bias, times, tracks)
 
 

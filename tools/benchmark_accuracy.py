@@ -24,11 +24,10 @@ import click
 import gtsam
 import numpy as np
 
-from ruledgraph.backend.landmarks import LineEstimate
 from ruledgraph.calibration.sensors import Calibration, FloatArray
 from ruledgraph.core.config import load_config
 from ruledgraph.core.errors import RuledgraphError
-from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import accuracy, alignment, matched

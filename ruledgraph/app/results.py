@@ -11,10 +11,9 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from ruledgraph.backend.landmarks import LineEstimate
 from ruledgraph.core.config import Config, config_text
 from ruledgraph.core.errors import RuledgraphError
-from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.trajectory import TumWriter, seconds
 from ruledgraph_factors import STANDARD_GRAVITY
 

@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from ruledgraph.app.results import Results
-from ruledgraph.backend.landmarks import LineEstimate
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError
-from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.core.trajectory import read_tum
 from ruledgraph.core.versions import machine_text, version_text
@@ -160,7 +159,7 @@ def _odometry(
 
 def _prepare(odometry: Odometry, measurement: Measurement) -> None:
     if isinstance(measurement, Frame):
-        odometry.foresee(measurement)
+        odometry.prefetch(measurement)
 
 
 def _hand_over(

@@ -10,7 +10,8 @@ import gtsam
 import numpy as np
 
 from ruledgraph.calibration.sensors import FloatArray
-from ruledgraph.frontend.tracks import Track
+from ruledgraph.core.estimates import LineEstimate
+from ruledgraph.core.line_observations import LinePrediction
 from ruledgraph_factors import FactorError, LineChart
 from ruledgraph_factors.so3 import hat
 
@@ -25,27 +26,13 @@ _INFINITE = 1e-9
 _PARALLEL = 1e-4
 
 
-@dataclass(frozen=True, eq=False)
-class LineEstimate:
-    """A line as it left the window."""
-
-    number: int
-    ends: FloatArray
-    """In the world, (2, 3), m."""
-    covariance: FloatArray
-    """Of each end, (2, 3, 3), m^2."""
-    first_stamp: int
-    last_stamp: int
-    points: int
-    """Edge points that went into it."""
-
-
 @dataclass(eq=False)
-class GraphLine:
+class Landmark:
     """A line variable of the graph."""
 
+    id: int
+    """The track's."""
     key: int
-    track: Track
     chart: LineChart
     delta: FloatArray
     covariance: FloatArray
@@ -54,6 +41,8 @@ class GraphLine:
     last_stamp: int
     last_time: float
     """Of the last knot whose interval saw it, s."""
+    in_view: bool = True
+    """Whether the latest frame saw it."""
     linearized: FloatArray = field(default_factory=lambda: np.zeros(4))
     """The delta at which the smoother holds its factors linearised."""
     fixed: bool = False
@@ -71,6 +60,10 @@ class GraphLine:
         if known is None or known[0] is not self.delta or known[1] is not self.chart:
             known = self._known = self.delta, self.chart, self.chart.plucker(self.delta)
         return known[2]
+
+    def prediction(self) -> LinePrediction:
+        """What the front end needs to predict its ruling."""
+        return LinePrediction(*self.plucker, self.covariance)
 
     def inverse_distance(self) -> tuple[float, float]:
         """One over the distance from the anchor and its standard deviation, 1/m."""
@@ -93,12 +86,12 @@ class GraphLine:
             return None
         covariance = jacobian @ self.covariance @ jacobian.transpose(0, 2, 1)
         return LineEstimate(
-            self.track.number, ends, covariance, self.first_stamp, self.last_stamp, self.points
+            self.id, ends, covariance, self.first_stamp, self.last_stamp, self.points
         )
 
 
 def note_reach(
-    lines: Sequence[GraphLine], world_T_cams: Sequence[gtsam.Pose3], ends: FloatArray
+    lines: Sequence[Landmark], world_T_cams: Sequence[gtsam.Pose3], ends: FloatArray
 ) -> None:
     """Take note of how far lines were seen, each by its camera from one end to the other.
 

@@ -4,24 +4,23 @@
 
 from collections.abc import Iterable, Sequence
 
-import gtsam
-from gtsam.symbol_shorthand import B, V, X
-
-from ruledgraph.backend.landmarks import GraphLine
-from ruledgraph.backend.states import Interval, Knot, add_priors, insert_state, of_new_line
+from ruledgraph.backend.graph_update import GraphUpdate
+from ruledgraph.backend.landmarks import Landmark
+from ruledgraph.backend.line_factors import new_line_factors
+from ruledgraph.backend.states import Interval, Knot, add_priors
 
 # The first state is trusted this much less than it said.
 _INFLATION = 2.0
 
 
-def known_of(
+def rebuilt(
     knots: Sequence[Knot],
     intervals: Sequence[Interval],
-    lines: Iterable[GraphLine],
+    lines: Iterable[Landmark],
     clock_walk: float,
-) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[int, float]]:
-    """Factors, values and times (s) of a window's knots and of those of its lines that were seen
-    from them, with priors on the first knot.
+) -> GraphUpdate:
+    """A window's states and those of its lines that were seen from them, with priors on the first
+    state.
 
     Args:
         knots: one more than intervals.
@@ -29,12 +28,11 @@ def known_of(
         lines: that are to be kept.
         clock_walk: of the time offset, where it is estimated: its deviation after a second, s.
     """
-    factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    times: dict[int, float] = {}
+    update = GraphUpdate()
+    factors, values, times = update.factors, update.values, update.times
     add_priors(factors, knots[0], _INFLATION)
     for knot in knots:
-        insert_state(values, knot)
-        times |= {key(knot.index): knot.time for key in (X, V, B)}
+        update.insert(knot)
     links = [interval.link for interval in intervals if interval.link is not None]
     for i, link in enumerate(links):
         tie = link.tie(links[i - 1], clock_walk) if i else None
@@ -54,8 +52,8 @@ def known_of(
                 continue
             factors.add(seen.factor)
             if line.key not in times:
-                for factor in of_new_line(interval.knot, seen):
+                for factor in new_line_factors(interval.knot, seen):
                     factors.add(factor)
                 values.insert(line.key, line.delta)
                 times[line.key] = line.last_time
-    return factors, values, times
+    return update

@@ -12,36 +12,13 @@ window. Corrections differ from interval to interval, the offset hardly does:
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import gtsam
 import numpy as np
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import T
 
-# The correction follows the estimate by so much a knot, s, so that frames stay in order.
-_MOST_STEP = 2e-3
-# An offset known this well, and followed this closely, is worth a warning when it is so far from
-# the calibration, s.
-_KNOWN, _FOLLOWED, _FAR = 1e-3, 5e-4, 3e-3
-# A start whose offset comes out further from what its frames were timed with is tried again, s.
-RETRY = 2e-3
-
-
-class TimeOffset(NamedTuple):
-    """What is known of an offset, s; a positive one says that frames are taken after their stamps
-    on the IMU's clock.
-    """
-
-    value: float
-    sigma: float
-
-    def moved(self, by: float) -> "TimeOffset":
-        """The same counted from elsewhere."""
-        return TimeOffset(self.value + by, self.sigma)
-
-
-NO_OFFSET = TimeOffset(0.0, 0.0)
+from ruledgraph.core.time_offset import TimeOffset
 
 
 @dataclass(eq=False)
@@ -79,20 +56,3 @@ class OffsetLink:
         noise = noiseModel.Isotropic.Sigma(1, walk * float(np.sqrt(self.time - before.time)))
         change = before.correction - self.correction
         return gtsam.BetweenFactorDouble(before.key, self.key, change, noise)
-
-
-def followed(correction: float, offset: TimeOffset) -> float:
-    """The correction for the frames to come."""
-    return correction + float(np.clip(offset.value - correction, -_MOST_STEP, _MOST_STEP))
-
-
-def concern(correction: float, offset: TimeOffset, calibrated: float) -> str | None:
-    """What to warn of: an offset that is well known and far from the calibration's, s."""
-    settled = offset.sigma < _KNOWN and abs(offset.value - correction) < _FOLLOWED
-    if not settled or abs(offset.value) < _FAR:
-        return None
-    return (
-        f"frames are taken {1e3 * (calibrated + offset.value):.1f} ms after their stamps on the "
-        f"IMU's clock (deviation {1e3 * offset.sigma:.1f} ms), not {1e3 * calibrated:.1f} ms as "
-        "the calibration says: correct timeshift_cam_imu"
-    )

@@ -1,21 +1,17 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""What comes out of an odometry, and how it is handed out."""
+"""What comes out of an odometry: estimates of frames, and lines."""
 
-import time as clock
-from collections import defaultdict
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import gtsam
 
-from ruledgraph.backend.landmarks import LineEstimate
-from ruledgraph.backend.time_offset import NO_OFFSET, TimeOffset
 from ruledgraph.calibration.sensors import FloatArray
-from ruledgraph.core.timing import Messages, Timing
-from ruledgraph.integrity.segments import Covariances
+from ruledgraph.core.time_offset import NO_OFFSET, TimeOffset
+
+Covariances: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
+"""Of pose (6, 6), velocity (3, 3) and bias (6, 6)."""
 
 Status = Literal["tracking", "still", "dead reckoning", "doubtful"]
 
@@ -43,35 +39,16 @@ class Estimate:
     """t_imu - t_cam, s, as of the last knot; without deviation where it is not estimated."""
 
 
-class Output:
-    """Estimates and lines until they are taken, messages and timings."""
+@dataclass(frozen=True, eq=False)
+class LineEstimate:
+    """A line as it left the window."""
 
-    def __init__(self) -> None:
-        self.warnings = Messages()
-        self.recoveries = Messages()
-        self.timings: dict[str, Timing] = defaultdict(Timing)
-        """How long each stage took."""
-        self._live: list[Estimate] = []
-        self._smoothed: list[Estimate] = []
-        self._lines: list[LineEstimate] = []
-
-    def take_live(self) -> list[Estimate]:
-        """Estimates as known at each frame's time, since the last call."""
-        taken, self._live = self._live, []
-        return taken
-
-    def take_smoothed(self) -> list[Estimate]:
-        """Estimates of the frames that left the window, since the last call."""
-        taken, self._smoothed = self._smoothed, []
-        return taken
-
-    def take_lines(self) -> list[LineEstimate]:
-        """Lines that left the window, since the last call."""
-        taken, self._lines = self._lines, []
-        return taken
-
-    @contextmanager
-    def _timed(self, stage: str) -> Iterator[None]:
-        start = clock.perf_counter()
-        yield
-        self.timings[stage].add(clock.perf_counter() - start)
+    number: int
+    ends: FloatArray
+    """In the world, (2, 3), m."""
+    covariance: FloatArray
+    """Of each end, (2, 3, 3), m^2."""
+    first_stamp: int
+    last_stamp: int
+    points: int
+    """Edge points that went into it."""

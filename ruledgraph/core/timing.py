@@ -3,6 +3,10 @@
 """What a run tells of itself, in bounded memory: how long its stages took, its messages."""
 
 import math
+import time as clock
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 # Durations are told apart by this ratio, from this many s on.
 _RATIO, _SHORTEST = 1.02, 1e-7
@@ -42,6 +46,20 @@ class Timing:
             if below >= share * self.count:
                 return min(_SHORTEST * math.pow(_RATIO, index + 0.5), self.largest)
         return self.largest
+
+
+class Timings(defaultdict[str, Timing]):
+    """How long each stage took."""
+
+    def __init__(self) -> None:
+        super().__init__(Timing)
+
+    @contextmanager
+    def measured(self, stage: str) -> Iterator[None]:
+        """Add what is done inside to a stage."""
+        start = clock.perf_counter()
+        yield
+        self[stage].add(clock.perf_counter() - start)
 
 
 class Messages(list[str]):

@@ -10,11 +10,11 @@ from ruledgraph.calibration.sensors import FloatArray
 from ruledgraph.core.measurements import Frame
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.line_detection import Detector
-from ruledgraph.frontend.prefetch import Foreseen
+from ruledgraph.frontend.prefetch import PrefetchCache
 from ruledgraph.frontend.tracks import Tracker
 
 # A frame may come this much before its turn, ns. No more frames than this are searched ahead.
-_EARLY, _MOST_FORESEEN = 4_000_000, 8
+_EARLY, _MOST_PREFETCHED = 4_000_000, 8
 
 
 class _Rhythm(NamedTuple):
@@ -45,7 +45,7 @@ class Detection:
         self._search: _Search | None = None
         self._last = -math.inf
         self._rhythm: _Rhythm | None = None
-        self._foreseen = Foreseen[Future[FloatArray]](_MOST_FORESEEN, Future.cancel)
+        self._prefetched = PrefetchCache[Future[FloatArray]](_MOST_PREFETCHED, Future.cancel)
         self._seen = 0
 
     def is_due(self, time: float, every: float) -> bool:
@@ -55,12 +55,12 @@ class Detection:
     def begin(self, frame: Frame, gradient: Gradient, time: float) -> None:
         """Look for segments in a frame with its gradient, taken at `time` (s)."""
         self._last = time
-        segments = self._foreseen.take(frame) or self._submitted(frame)
+        segments = self._prefetched.take(frame) or self._submitted(frame)
         last = self._rhythm.last if self._rhythm is not None else frame.stamp
         self._rhythm = _Rhythm(frame.stamp, frame.stamp - last)
         self._search = _Search(frame.stamp, gradient, time, segments)
 
-    def foresee(self, frame: Frame) -> None:
+    def prefetch(self, frame: Frame) -> None:
         """Look for segments in a frame to come, if by the searches so far it will be its turn.
 
         For the thread that reads ahead, each frame in order. It saves waiting, and changes nothing
@@ -68,13 +68,13 @@ class Detection:
         """
         before, self._seen = self._seen, frame.stamp
         rhythm = self._rhythm
-        if rhythm is None or rhythm.interval <= 0 or self._foreseen.full:
+        if rhythm is None or rhythm.interval <= 0 or self._prefetched.full:
             return
         turns, turns_before = (
             (stamp - rhythm.last + _EARLY) // rhythm.interval for stamp in (frame.stamp, before)
         )
         if turns > max(turns_before, 0):
-            self._foreseen.put(frame, self._submitted(frame))
+            self._prefetched.put(frame, self._submitted(frame))
 
     def _submitted(self, frame: Frame) -> Future[FloatArray]:
         return self._worker.submit(self._detector, frame.image)
@@ -89,11 +89,11 @@ class Detection:
         search, self._search = self._search, None
         if search is not None:
             self._tracker.drop_lost()
-            self._tracker.drop_twins()
+            self._tracker.drop_duplicates()
             segments = search.segments.result()
             self._tracker.start_new(search.stamp, search.time, segments, search.gradient)
 
-    def move(self, change: float) -> None:
+    def retime(self, change: float) -> None:
         """The clock of the frames was corrected by so much, s."""
         self._last += change
         if self._search is not None:

@@ -20,7 +20,7 @@ class _Entry(Generic[T]):
     value: T
 
 
-class Foreseen(Generic[T]):
+class PrefetchCache(Generic[T]):
     """Values for frames to come, by their stamps.
 
     One thread puts them in, the other takes them out. What it passes over is thrown away.

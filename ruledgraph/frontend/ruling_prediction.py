@@ -11,8 +11,8 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 
-from ruledgraph.backend.landmarks import GraphLine
 from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.line_observations import LinePrediction
 from ruledgraph.frontend import kernel
 from ruledgraph.frontend.edge_batch import Rulings
 from ruledgraph.frontend.edge_search import normal_of
@@ -42,7 +42,7 @@ class CameraMotion(NamedTuple):
 
 
 def predict(
-    tracks: Sequence[Track], lines: Mapping[int, GraphLine], motion: CameraMotion, focal: float
+    tracks: Sequence[Track], lines: Mapping[int, LinePrediction], motion: CameraMotion, focal: float
 ) -> Rulings:
     """Rulings of all tracks: by their line, if there is one in `lines`, else by the rotation.
 
@@ -50,9 +50,10 @@ def predict(
     """
     rulings = by_rotation(tracks, motion.cam_R_before, motion.elapsed, focal)
     at = [i for i, track in enumerate(tracks) if track.number in lines]
-    known = [lines[tracks[i].number] for i in at]
+    own = [tracks[i] for i in at]
+    known = [lines[track.number] for track in own]
     poses = motion.world_T_before, motion.world_T_cam
-    estimated = by_estimate(known, *poses, rulings.part(at), focal)
+    estimated = by_estimate(own, known, *poses, rulings.part(at), focal)
     rulings.ends[at], rulings.sigmas[at] = estimated.ends, estimated.sigmas
     return rulings
 
@@ -83,7 +84,8 @@ def turn_in_numpy(ends: FloatArray, cam_R_before: FloatArray, moved: FloatArray)
 
 
 def by_estimate(
-    lines: Sequence[GraphLine],
+    tracks: Sequence[Track],
+    lines: Sequence[LinePrediction],
     world_T_before: gtsam.Pose3,
     world_T_cam: gtsam.Pose3,
     otherwise: Rulings,
@@ -92,7 +94,8 @@ def by_estimate(
     """Where lines appear: m_c = R^T (m - p x v), with the spread their covariance gives.
 
     Args:
-        lines: of the graph.
+        tracks: where they were seen in the last frame.
+        lines: what is known of each of them.
         world_T_before: camera pose at the last frame.
         world_T_cam: camera pose now.
         otherwise: the prediction for each without its depth: for ends that the line does not fix,
@@ -102,11 +105,11 @@ def by_estimate(
     if not lines:
         return otherwise
     known = _Known(
-        plucker=np.array([line.plucker[0] for line in lines]),
-        by_delta=np.array([line.plucker[1] for line in lines]),
+        plucker=np.array([line.plucker for line in lines]),
+        by_delta=np.array([line.plucker_by_delta for line in lines]),
         covariances=np.array([line.covariance for line in lines]),
-        seen=np.array([line.track.ends for line in lines]),
-        floors=np.array([_MOTION_SIGMA * 1.5**line.track.misses for line in lines]),
+        seen=np.array([track.ends for track in tracks]),
+        floors=np.array([_MOTION_SIGMA * 1.5**track.misses for track in tracks]),
     )
     poses = world_T_before.matrix(), world_T_cam.matrix()
     place = kernel.native.predict_all if kernel.is_native() else predict_in_numpy

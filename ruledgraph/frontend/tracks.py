@@ -8,20 +8,19 @@ from the estimate.
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ruledgraph.calibration.sensors import CameraModel, FloatArray
 from ruledgraph.core.config import EdgesConfig
+from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph.frontend.edge_batch import Edges, Rulings, clipped, search_all, stacked
 from ruledgraph.frontend.edge_search import normal_of
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.sobel import search_sobel, sobel_points
-from ruledgraph_factors import CompressedPoints
 
 # Deviation of a prediction across the ruling, px: of a fresh track, at least, at most.
 _FRESH_SIGMA, _LEAST_SIGMA, _MOST_SIGMA = 4.0, 1.2, 6.0
@@ -41,21 +40,6 @@ _SHORTEST = 25.0
 _FULL = 0.6
 # Fewer lines say nothing of whether the image moves.
 _FEWEST_MOVING = 3
-
-
-class Sighting(NamedTuple):
-    """A line's edge in one frame."""
-
-    stamp: int
-    points: FloatArray
-    """Normalised, (N, 2)."""
-    statistics: FloatArray
-    """What counts of them, (3, 3), see `CompressedPoints`."""
-
-
-def compressed_points(sightings: Sequence[Sighting]) -> CompressedPoints:
-    """The points of several frames, for a factor."""
-    return CompressedPoints(np.array([sighting.statistics for sighting in sightings]))
 
 
 @dataclass(eq=False)
@@ -88,8 +72,8 @@ class Track:
             self.misses = max(self.misses, _MOST_MISSES)
         self.sigma = min(1.5 * self.sigma, _MOST_SIGMA)
 
-    def give_up(self) -> None:
-        """Make it lost."""
+    def mark_lost(self) -> None:
+        """Follow it no longer."""
         self.misses = _MOST_MISSES + 1
 
 
@@ -128,7 +112,7 @@ class Tracker:
                 track.ends = own
                 track.miss(time)
                 if not is_in_view:
-                    track.give_up()
+                    track.mark_lost()
         if seen:
             edges = edges.part(good)
             self._move(time, seen, edges)
@@ -164,13 +148,37 @@ class Tracker:
             track.slope = 0.8 * track.slope + 0.2 * slope
             track.misses, track.last_seen = 0, time
             if length < _SHORTEST:
-                track.give_up()
+                track.mark_lost()
+
+    def observed(self) -> list[LineTrack]:
+        """All tracks as of the last frame, as plain values."""
+        return [
+            LineTrack(track.number, track.born, track.misses == 0, track.sightings)
+            for track in self.tracks
+        ]
+
+    def mark_lost(self, ids: Collection[int]) -> None:
+        """Follow these tracks no longer."""
+        for track in self.tracks:
+            if track.number in ids:
+                track.mark_lost()
 
     def drop_lost(self) -> None:
         """Forget the tracks that are lost."""
         self.tracks = [track for track in self.tracks if not track.lost]
 
-    def drop_twins(self) -> None:
+    def retime(self, change: float) -> None:
+        """The times of all frames were corrected by so much, s."""
+        for track in self.tracks:
+            track.born, track.last_seen = track.born + change, track.last_seen + change
+
+    def forget(self, before: int) -> None:
+        """Drop sightings in frames before a stamp."""
+        for track in self.tracks:
+            while track.sightings and track.sightings[0].stamp < before:
+                track.sightings.popleft()
+
+    def drop_duplicates(self) -> None:
         """Of tracks that have come to follow the same line forget all but the oldest."""
         tracks = sorted(self.tracks, key=lambda track: track.born)
         segments = _segments(tracks)

@@ -16,16 +16,19 @@ from ruledgraph.core.measurements import MAX_IMU_GAP, Frame, Gap, ImuSample
 from ruledgraph.core.timing import Messages
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.faults import Reading, SpikeFilter
+from ruledgraph.imu.frame_history import FrameHistory, FrameTime
 
 # A shorter repetition of one reading is not worth a warning, s.
 _LEAST_HANG = 0.05
 
 
-class Intake:
+class Synchronizer:
     """The latest IMU samples, and the frames that wait for more of them."""
 
     def __init__(self, calibration: Calibration, warnings: Messages) -> None:
         self.imu = ImuBuffer()
+        self.frames = FrameHistory()
+        """The frames that were processed."""
         self.correction = 0.0
         """Of the calibration's time offset, for the frames to come, s."""
         self._spikes = SpikeFilter()
@@ -102,6 +105,29 @@ class Intake:
         if self._waiting and self.imu.latest >= self.frame_time(self._waiting[0]):
             return self._waiting.popleft()
         return None
+
+    def timed(self, frame: Frame) -> FrameTime | None:
+        """A frame with its time; None for one that cannot be used: it comes before the first IMU
+        sample or after a later frame.
+        """
+        seen = FrameTime(frame.stamp, self.frame_time(frame))
+        if not self.imu.covers(seen.time, seen.time):
+            return None
+        if not self.frames:
+            return seen
+        # By stamps, too: the time of one and the same changes with the correction.
+        last = self.frames.last
+        if seen.stamp < last.stamp:
+            self._warnings.once(
+                "late",
+                f"a frame at {seen.time:.2f} s came after a later one: such are not used",
+            )
+        return seen if seen.stamp > last.stamp and seen.time > last.time else None
+
+    def retime(self, change: float) -> None:
+        """Move all frames in time, s."""
+        self.correction += change
+        self.frames.retime(change, self.imu)
 
     def begin_anew(self, stop: int) -> None:
         """Forget all before a stamp."""

@@ -2,18 +2,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Gravity, velocity and biases to start from, at rest or in motion."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import gtsam
 import numpy as np
 from gtsam import noiseModel
 
-from ruledgraph.backend.states import Start
-from ruledgraph.backend.time_offset import TimeOffset
+from ruledgraph.backend.line_factors import compressed_points
+from ruledgraph.backend.start import Start
 from ruledgraph.calibration.sensors import Calibration, FloatArray
 from ruledgraph.core.config import Config
-from ruledgraph.frontend.tracks import Sighting, Track, compressed_points
+from ruledgraph.core.line_observations import LineTrack, Sighting
+from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph_factors import (
     NEW_LINE_SIGMAS,
@@ -27,9 +28,6 @@ from ruledgraph_factors import (
 )
 
 _G = -STANDARD_GRAVITY[2]
-# At rest the gyroscope and the accelerometer hardly vary (rad/s, m/s^2), and the image does not
-# move (px).
-_STILL_GYROSCOPE, _STILL_ACCELEROMETER, _STILL_IMAGE = 0.02, 0.25, 0.4
 # Distances a batch is started from, m, and its robust constants, round by round (px).
 _DISTANCES = (1.0, 3.0)
 # Of a point, px: wide, so that a start far off finds its way.
@@ -52,24 +50,6 @@ class Refusal:
     """Why there is no start yet."""
 
     reason: str
-
-
-def is_still(imu: ImuBuffer, start: float, stop: float, image_motion: Callable[[], float]) -> bool:
-    """Whether body and image rest over [start, stop].
-
-    Args:
-        imu: samples that cover it.
-        start: s.
-        stop: s.
-        image_motion: of the lines from start to stop, px, see `Tracker.image_motion`; asked for
-            only where the IMU is still.
-    """
-    samples = imu.between(start, stop)
-    return bool(
-        samples.gyroscope.std(axis=0).max() < _STILL_GYROSCOPE
-        and samples.accelerometer.std(axis=0).max() < _STILL_ACCELEROMETER
-        and image_motion() < _STILL_IMAGE
-    )
 
 
 def start_at_rest(
@@ -112,7 +92,7 @@ def start_in_motion(
     imu: ImuBuffer,
     stamps: Sequence[int],
     times: Sequence[float],
-    tracks: Sequence[Track],
+    tracks: Sequence[LineTrack],
     calibration: Calibration,
     config: Config,
 ) -> Start | Refusal:
@@ -125,7 +105,7 @@ def start_in_motion(
     step = max(1, -(-len(stamps) // _MOST_FRAMES))
     used = list(range(0, len(stamps), step))
     wanted = {stamps[i]: n for n, i in enumerate(used)}
-    seen: list[tuple[Track, list[int], list[Sighting]]] = []
+    seen: list[tuple[LineTrack, list[int], list[Sighting]]] = []
     for track in tracks:
         hits = [s for s in track.sightings if s.stamp in wanted]
         if len(hits) >= 0.5 * len(used):
@@ -153,7 +133,7 @@ class _Batch:
         self,
         imu: ImuBuffer,
         times: list[float],
-        seen: Sequence[tuple[Track, list[int], list[Sighting]]],
+        seen: Sequence[tuple[LineTrack, list[int], list[Sighting]]],
         calibration: Calibration,
         config: Config,
         distance: float,
@@ -276,7 +256,7 @@ class _Batch:
             delta = self.values.atVector(3 + i)
             own = fits[[n for n, (j, _, _) in enumerate(self._line_factors) if j == i]]
             if np.median(own) < _FIT and self._charts[i].inverse_distance(delta)[0] > 0.0:
-                lines[track.number] = (self._charts[i], delta)
+                lines[track.id] = (self._charts[i], delta)
         if len(lines) < _FEWEST_LINES // 2:
             return Refusal(f"{len(lines)} lines come out in front of the camera")
         a, g = self._config.start.accelerometer_bias, self._config.start.gyroscope_bias

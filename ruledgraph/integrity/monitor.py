@@ -19,8 +19,9 @@ from gtsam.symbol_shorthand import B, V, X
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import Interval, Knot
 from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.estimates import Covariances
 from ruledgraph.core.timing import Messages
-from ruledgraph.integrity.segments import Covariances, Drift
+from ruledgraph.integrity.segments import Drift
 from ruledgraph_factors import STANDARD_GRAVITY
 
 # The intervals of so many s are judged, but no fewer than so many; and so many lines in them, or
@@ -55,7 +56,7 @@ _G = -STANDARD_GRAVITY[2]
 _UP = np.array([0.0, 0.0, 1.0])
 
 
-class Trust:
+class IntegrityMonitor:
     """Judges a segment knot by knot.
 
     Args:
@@ -100,7 +101,7 @@ class Trust:
         since = self._parallel_since
         return since is not None and self._time - since >= _PARALLEL_FOR
 
-    def judge(self, window: Window, still: bool) -> None:
+    def update(self, window: Window, still: bool) -> None:
         """Take in the newest knot, optimised, and whether the body has been at rest until then."""
         elapsed, self._time = window.newest.time - self._time, window.newest.time
         excess = max(1.0, self._compare_with_imu(window), self._compare_with_lines(window, still))
@@ -292,7 +293,7 @@ def directions_in_view(window: Window) -> FloatArray:
     """Unit directions in the world of the window's lines that were seen last, (N, 3)."""
     found = []
     for line in window.lines.values():
-        if line.track.misses == 0:
+        if line.in_view:
             direction = line.plucker[0][3:]
             length = np.linalg.norm(direction)
             if length > 0.0:

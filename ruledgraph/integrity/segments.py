@@ -3,17 +3,15 @@
 """Where segments begin: after the end of another one, and whether a start in motion holds."""
 
 from dataclasses import dataclass, field
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
 
 from ruledgraph.backend.sliding_window import Window
-from ruledgraph.backend.states import Start
+from ruledgraph.backend.start import Start
 from ruledgraph.calibration.sensors import FloatArray
-
-Covariances: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
-"""Of pose (6, 6), velocity (3, 3) and bias (6, 6)."""
+from ruledgraph.core.estimates import Covariances
 
 _UP = np.array([0.0, 0.0, 1.0])
 # A velocity is forgotten after so long, s.

@@ -22,11 +22,10 @@ from typing import Any, TypeAlias
 import cv2
 import numpy as np
 
-from ruledgraph.backend.landmarks import LineEstimate
 from ruledgraph.calibration.sensors import Calibration, FloatArray
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import RuledgraphError
-from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.measurements import Frame
 from ruledgraph.frontend.tracks import Track
 from ruledgraph.odometry import Odometry

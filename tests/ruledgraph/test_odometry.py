@@ -14,6 +14,7 @@ from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Gap, ImuSample, Measurement
 from ruledgraph.evaluation import alignment
+from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.integrity.segments import Trial, heading
 from ruledgraph.odometry import Odometry
 from ruledgraph_factors import kernel
@@ -281,20 +282,25 @@ def test_frames_of_another_size_are_refused():
 def test_images_that_are_not_grey_of_8_bit_are_refused_when_they_are_added(image, fault):
     _, calibration = small_stream()
     odometry = Odometry(calibration)
-    odometry.foresee(Frame(0, image))
+    odometry.prefetch(Frame(0, image))
     with pytest.raises(RuledgraphError, match=fault):
         odometry.add_image(Frame(0, image))
 
 
-def test_frames_that_wait_for_the_imu_are_not_all_prepared():
+def test_frames_that_wait_for_the_imu_are_not_all_prepared(monkeypatch):
     _, calibration = small_stream()
-    odometry, prepared = Odometry(calibration), []
+    odometry, made = Odometry(calibration), []
+
+    def counted(image: np.ndarray) -> Gradient:
+        made.append(image)
+        return Gradient(image)
+
+    monkeypatch.setattr("ruledgraph.frontend.front_end.Gradient", counted)
     for i in range(100):
         frame = Frame(10_000_000 * i, np.full((240, 320), i, np.uint8))
-        odometry.foresee(frame)
+        odometry.prefetch(frame)
         odometry.add_image(frame)
-        prepared.append(len(odometry._gradients))
-    assert max(prepared) == prepared[-1] < 50
+    assert 0 < len(made) < 50
 
 
 def test_memory_of_a_run_does_not_grow():
@@ -305,10 +311,8 @@ def test_memory_of_a_run_does_not_grow():
         odometry.take_live(), odometry.take_smoothed(), odometry.take_lines()
     assert odometry.window is not None
     kept = odometry.config.window.lag + 1.0
-    assert len(odometry._frames) < 30 * kept
     assert len(odometry.window.knots) < 10 * kept
     assert all(len(track.sightings) < 30 * kept for track in odometry.tracker.tracks)
-    assert len(odometry._live_by_stamp) < 30 * kept
 
 
 def test_an_estimate_that_ran_away_ends_its_segment(monkeypatch):
@@ -501,5 +505,5 @@ def test_a_lost_estimate_ends_its_segment_where_it_was_last_believed(monkeypatch
     smoothed += odometry.take_smoothed()
     assert smoothed[-1].status == "doubtful"
     believed = [e for e in live if e.status != "doubtful"]
-    assert odometry._last is not None
-    assert odometry._last.pose.equals(believed[-1].world_T_body, 1e-9)
+    assert odometry.last_believed is not None
+    assert odometry.last_believed.pose.equals(believed[-1].world_T_body, 1e-9)

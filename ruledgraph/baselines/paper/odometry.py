@@ -10,14 +10,14 @@ import gtsam
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ruledgraph.backend.landmarks import LineEstimate
 from ruledgraph.baselines.paper.derotation import Derotation, Inertial, accelerated
 from ruledgraph.baselines.paper.start import PointDetector
 from ruledgraph.baselines.paper.surfaces import Points, Surfaces, loss, solve
 from ruledgraph.calibration.sensors import Calibration, FloatArray
 from ruledgraph.core.errors import RuledgraphError
-from ruledgraph.core.estimates import Estimate, Output, Status
+from ruledgraph.core.estimates import Estimate, LineEstimate, Status
 from ruledgraph.core.measurements import Frame, Gap, ImuSample, Measurement
+from ruledgraph.core.output import Output
 from ruledgraph.imu.buffer import ImuBuffer
 
 LINES, FRAMES = 4, 140
@@ -172,7 +172,7 @@ class PaperOdometry(Output):
             time = self._seconds(measurement.stamp)
             self._imu.append(time, measurement.gyroscope, measurement.accelerometer)
             while self._waiting and self._imu.latest >= max(_REST, self._time(self._waiting[0])):
-                with self._timed("frame"):
+                with self.timings.measured("frame"):
                     self._process(self._waiting.popleft())
         elif isinstance(measurement, Gap):
             self.finish()
@@ -187,9 +187,9 @@ class PaperOdometry(Output):
             return
         window, self.window = self.window, None
         for frame in window.frames:
-            self._smoothed.append(self._estimate(window, frame))
+            self.put(smoothed=[self._estimate(window, frame)])
         self._rulings.append(self._in_world(window))
-        self._lines += self._segments(window)
+        self.put(lines=self._segments(window))
 
     # -- output ----------------------------------------------------------------------------------
 
@@ -211,15 +211,16 @@ class PaperOdometry(Output):
             if time <= last.time:
                 return
             inertial = self._derotation.next(last, time, self._imu)
-            with self._timed("search"):
+            with self.timings.measured("search"):
                 self._extrude(self.window, frame, inertial)
             if len(self.window.frames) > FRAMES:
                 self._slide(self.window)
-            with self._timed("solver"):
+            with self.timings.measured("solver"):
                 self._solve(self.window)
         if self.window is not None:
-            self._live.append(self._estimate(self.window, self.window.frames[-1]))
-            self.status = self._live[-1].status
+            live = self._estimate(self.window, self.window.frames[-1])
+            self.put(live=[live])
+            self.status = live.status
         self._imu.forget(time)
 
     def _start(self, frame: Frame, time: float) -> None:
@@ -269,7 +270,7 @@ class PaperOdometry(Output):
 
     def _slide(self, window: Window) -> None:
         """Algorithm 2: hand out the first frame, and go on from the second."""
-        self._smoothed.append(self._estimate(window, window.frames[0]))
+        self.put(smoothed=[self._estimate(window, window.frames[0])])
         self._rulings.append(self._in_world(window))
         first = window.frames[0].inertial
         self._place = self._place - first.rotation @ window.displacement(window.frames[1])

@@ -11,9 +11,11 @@ from gtsam.symbol_shorthand import L, X
 
 from ideal_tracks import CALIBRATION, MANY, IdealTracks, error_of, ideal_tracks, sighting
 from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother, SmootherError
-from ruledgraph.backend.landmarks import GraphLine
+from ruledgraph.backend.landmarks import Landmark
+from ruledgraph.backend.line_factors import new_line_factors
 from ruledgraph.backend.sliding_window import Window
-from ruledgraph.backend.states import Interval, Start, of_new_line
+from ruledgraph.backend.start import Start
+from ruledgraph.backend.states import Interval
 from ruledgraph.backend.triangulation import triangulate
 from ruledgraph.core.config import Config, load_config
 from ruledgraph.imu.buffer import ImuBuffer
@@ -40,13 +42,15 @@ def run_window(
 ) -> tuple[Window, list[Interval]]:
     """Knots of three frames each; the window at the end and the intervals that left it."""
     window = Window(CALIBRATION, config or Config(), known_start(made))
-    left = []
+    left, tracks = [], made.tracks
     stamps, times = made.stamps[1:], made.times[1:].tolist()
     for first in range(0, len(times), 3):
         part = slice(first, first + 3)
         still = times[part][-1] < still_until
-        window.extend(stamps[part], times[part], made.imu, made.tracks, still)
+        window.extend(stamps[part], times[part], made.imu, tracks, still)
         left += window.optimize()
+        rejected = window.line_map.take_rejected()
+        tracks = [track for track in tracks if track.id not in rejected]
     return window, left
 
 
@@ -78,8 +82,8 @@ def test_intervals_leave_after_the_lag_with_all_their_frames():
             assert error_of(pose, made.motion.pose(stamp * 1e-9)) < 0.01
 
 
-def clipped_run(seed: int) -> tuple[float, list[Interval]]:
-    """Error at the end, m, and all intervals, with a gyroscope too small for the motion."""
+def clipped_run(seed: int) -> tuple[float, list[Interval], IdealTracks]:
+    """Error at the end, m, all intervals, and what was seen, with a gyroscope too small for the motion."""
     made = ideal_tracks(seed, hand_held(np.random.default_rng(seed)))
     samples, made.imu = made.imu.between(0.0, made.times[-1]), ImuBuffer()
     end = 0.7 * np.abs(samples.gyroscope).max(axis=0)
@@ -91,19 +95,20 @@ def clipped_run(seed: int) -> tuple[float, list[Interval]]:
         made.imu.append(time, np.clip(w, -end, end), f)
     window, left = run_window(made)
     error = error_of(window.newest.state.pose(), made.motion.pose(window.newest.time))
-    return error, [*left, *window.intervals]
+    return error, [*left, *window.intervals], made
 
 
 def test_knots_of_clipped_intervals_are_tied_by_their_own_frames(monkeypatch):
     errors, without = [], []
     for seed in range(4):
-        error, intervals = clipped_run(seed)
+        error, intervals, made = clipped_run(seed)
         errors.append(error)
         for before, after in pairwise(intervals):
             assert after.again == (not before.is_known)
             assert (after.stamps[0] == before.stamps[-1]) == bool(after.again)
             for line, factor, *_ in after.observations:
-                index, _ = after.seen(line.track)
+                sightings = made.tracks[line.id - 1].sightings
+                index, _ = after.seen(sightings)
                 assert index
                 assert max(index) < after.known
                 assert factor.keys()[0] == X(after.knot.index)
@@ -157,8 +162,7 @@ def test_a_line_that_does_not_fit_is_retired():
             slip = np.array([0.01, 0.01]) * (i - 20)
             liar.sightings[i] = sighting(seen.stamp, seen.points + slip)
     window, _ = run_window(made)
-    assert liar.number not in window.lines
-    assert liar.lost
+    assert liar.id not in window.lines
     assert error_of(window.newest.state.pose(), made.motion.pose(window.newest.time)) < 0.02
 
 
@@ -243,7 +247,7 @@ def test_triangulation_finds_lines_at_any_distance(seed):
         fit = triangulate(cameras, compressed, points[0], 0.5 / FOCAL_LENGTH)
         assert fit is not None
         assert fit.misfit * FOCAL_LENGTH == pytest.approx(0.5, abs=0.08)
-        true = MANY[track.number - 1]
+        true = MANY[track.id - 1]
         inverse = 1.0 / np.linalg.norm(_foot(true, cameras[0]))
         # The motion comes from a noisy IMU: 1 or 2 mm after 0.7 s.
         assert abs(fit.inverse - inverse) < 4.0 * fit.inverse_sigma + 0.005
@@ -261,10 +265,10 @@ def test_lines_that_moved_from_their_linearisation_get_new_variables(monkeypatch
     """All lines are re-anchored, again and again, and nothing of the estimate is lost."""
     made = ideal_tracks(1, hand_held(np.random.default_rng(1)))
     config = load_config(None, ["window.lag=1"])
-    monkeypatch.setattr("ruledgraph.backend.sliding_window._MOVED", np.inf)
+    monkeypatch.setattr("ruledgraph.backend.line_map._MOVED", np.inf)
     plain, _ = run_window(made, config)
     assert all(line.key <= L(11) for line in plain.lines.values())
-    monkeypatch.setattr("ruledgraph.backend.sliding_window._MOVED", 1e-4)
+    monkeypatch.setattr("ruledgraph.backend.line_map._MOVED", 1e-4)
     window, _ = run_window(made, config)
     assert window.recoveries == []
     assert all(line.key > L(11) for line in window.lines.values())
@@ -272,7 +276,7 @@ def test_lines_that_moved_from_their_linearisation_get_new_variables(monkeypatch
     # Linearised elsewhere, the same to a part of the few mm that the estimate is off.
     assert error_of(window.newest.state.pose(), plain.newest.state.pose()) < 2e-3
     for line in window.lines.values():
-        for end in MANY[line.track.number - 1]:
+        for end in MANY[line.id - 1]:
             assert line.chart.distance_to(line.delta, end)[0] < 0.03
 
 
@@ -294,7 +298,7 @@ def test_lines_that_rested_find_their_depth_when_the_camera_moves(seed):
     off = [
         line.chart.distance_to(line.delta, end)[0]
         for line in window.lines.values()
-        for end in MANY[line.track.number - 1]
+        for end in MANY[line.id - 1]
     ]
     # A line that the camera moved along is known least.
     assert np.median(off) < 0.04
@@ -328,7 +332,7 @@ def test_new_lines_say_next_to_nothing_of_place_and_heading():
                 for moved in moves
             ]
             information = np.zeros((4, 4))
-            for factor in of_new_line(interval.knot, seen):
+            for factor in new_line_factors(interval.knot, seen):
                 linear = factor.linearize(values)
                 order = linear.keys()
                 by_all = [np.concatenate([change[key] for key in order]) for change in changes]
@@ -339,7 +343,7 @@ def test_new_lines_say_next_to_nothing_of_place_and_heading():
             assert np.trace(information) < 0.05
 
 
-def _moved(line: GraphLine, by: gtsam.Pose3) -> np.ndarray:
+def _moved(line: Landmark, by: gtsam.Pose3) -> np.ndarray:
     moment, direction = np.split(line.plucker[0], 2)
     direction = by.rotation().rotate(direction)
     moment = by.rotation().rotate(moment) + np.cross(by.translation(), direction)

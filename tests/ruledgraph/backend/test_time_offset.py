@@ -11,13 +11,14 @@ import pytest
 from ideal_tracks import CALIBRATION, IdealTracks, error_of, ideal_tracks
 from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother, SmootherError
 from ruledgraph.backend.sliding_window import Window
-from ruledgraph.backend.states import Start
-from ruledgraph.backend.time_offset import TimeOffset, concern, followed
+from ruledgraph.backend.start import Start
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import load_config
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Gap, Measurement
+from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.evaluation import alignment
+from ruledgraph.imu.camera_clock import concern, followed
 from ruledgraph.odometry import Odometry
 from simulated_window import hand_held
 from small_simulation import small_simulation, small_stream

@@ -52,7 +52,7 @@ def test_the_clock_of_the_frames_is_corrected_in_between():
     tracker = Tracker(CAMERA, EdgesConfig())
     detection = Detection(tracker, lambda _: CAMERA.distort(LEVEL).pixels[None])
     detection.begin(FRAME, GRADIENT, 0.5)
-    detection.move(-0.02)
+    detection.retime(-0.02)
     assert not detection.is_due(0.57, 0.1)
     assert detection.is_due(0.59, 0.1)
     detection.start_tracks()
@@ -66,7 +66,7 @@ def test_lost_tracks_are_in_no_ones_way():
         detection.begin(FRAME, GRADIENT, 0.5)
         detection.start_tracks()
         (track,) = tracker.tracks
-        track.give_up()
+        track.mark_lost()
     assert track.number == 2
 
 
@@ -94,7 +94,7 @@ def frames(count: int) -> list[Frame]:
     return [Frame(50_000_000 * i, FRAME.image.copy()) for i in range(count)]
 
 
-def test_what_is_foreseen_is_searched_once_and_the_same():
+def test_what_is_prefetched_is_searched_once_and_the_same():
     coming, begun = frames(50), []
     searched, done = [], {id(frame.image): threading.Event() for frame in coming}
 
@@ -106,9 +106,9 @@ def test_what_is_foreseen_is_searched_once_and_the_same():
     detection = Detection(Tracker(CAMERA, EdgesConfig()), detector)
     for i in range(40):
         # The reader is ten frames ahead. Every fourth frame is searched, later every tenth.
-        detection.foresee(coming[i + 10])
+        detection.prefetch(coming[i + 10])
         if i % 4 == 0 if i < 24 else i % 10 == 4:
-            # Foreseen since two searches showed the rhythm and the reader came to a turn of it.
+            # Prefetched since two searches showed the rhythm and the reader came to a turn of it.
             if 16 <= i < 24:
                 assert done[id(coming[i].image)].wait(10.0)
             detection.begin(coming[i], GRADIENT, 0.05 * i)
@@ -131,7 +131,7 @@ def test_another_image_of_the_same_stamp_is_searched_itself():
     for i in (0, 4):
         detection.begin(coming[i], GRADIENT, 0.05 * i)
     for frame in coming[5:]:
-        detection.foresee(frame)
+        detection.prefetch(frame)
     black = Frame(coming[8].stamp, np.zeros_like(FRAME.image))
     detection.begin(black, GRADIENT, 0.4)
     detection.start_tracks()
@@ -150,13 +150,13 @@ def test_frames_that_are_never_searched_do_not_pile_up():
     for i in (0, 4):
         detection.begin(coming[i], GRADIENT, 0.05 * i)
     for frame in coming[5:]:
-        detection.foresee(frame)
+        detection.prefetch(frame)
     detection.begin(coming[-1], GRADIENT, 20.0)
     detection.start_tracks()
     assert len(searched) < 20
 
 
-def test_the_odometry_is_the_same_whether_it_foresees_or_not():
+def test_the_odometry_is_the_same_whether_it_prefetches_or_not():
     stream, calibration = small_stream()
     estimates = []
     for ahead in (0, 40):
@@ -164,7 +164,7 @@ def test_the_odometry_is_the_same_whether_it_foresees_or_not():
         for i, measurement in enumerate(stream):
             coming = stream[min(i + ahead, len(stream) - 1)]
             if ahead and isinstance(coming, Frame):
-                odometry.foresee(coming)
+                odometry.prefetch(coming)
             odometry.add(measurement)
         estimates.append(odometry.take_live())
     assert len(estimates[0]) > 30

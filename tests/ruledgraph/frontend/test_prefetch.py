@@ -4,7 +4,7 @@
 import numpy as np
 
 from ruledgraph.core.measurements import Frame
-from ruledgraph.frontend.prefetch import Foreseen
+from ruledgraph.frontend.prefetch import PrefetchCache
 
 
 def frames(count: int) -> list[Frame]:
@@ -12,27 +12,27 @@ def frames(count: int) -> list[Frame]:
 
 
 def test_a_value_is_taken_once_by_its_frame():
-    foreseen, coming = Foreseen[str](5), frames(3)
+    cache, coming = PrefetchCache[str](5), frames(3)
     for frame, value in zip(coming, "abc", strict=True):
-        foreseen.put(frame, value)
-    assert [foreseen.take(frame) for frame in coming] == ["a", "b", "c"]
-    assert foreseen.take(coming[2]) is None
+        cache.put(frame, value)
+    assert [cache.take(frame) for frame in coming] == ["a", "b", "c"]
+    assert cache.take(coming[2]) is None
 
 
 def test_what_is_passed_over_is_thrown_away():
     thrown: list[str] = []
-    foreseen, coming = Foreseen[str](3, thrown.append), frames(4)
+    cache, coming = PrefetchCache[str](3, thrown.append), frames(4)
     for frame, value in zip(coming[:3], "abc", strict=True):
-        foreseen.put(frame, value)
-    assert foreseen.full
-    assert foreseen.take(coming[3]) is None
+        cache.put(frame, value)
+    assert cache.full
+    assert cache.take(coming[3]) is None
     assert thrown == ["a", "b", "c"]
-    assert not foreseen.full
+    assert not cache.full
 
 
 def test_another_image_of_the_same_stamp_has_no_value():
     thrown: list[str] = []
-    foreseen = Foreseen[str](3, thrown.append)
-    foreseen.put(Frame(5, np.zeros((2, 3), np.uint8)), "a")
-    assert foreseen.take(Frame(5, np.zeros((2, 3), np.uint8))) is None
+    cache = PrefetchCache[str](3, thrown.append)
+    cache.put(Frame(5, np.zeros((2, 3), np.uint8)), "a")
+    assert cache.take(Frame(5, np.zeros((2, 3), np.uint8))) is None
     assert thrown == ["a"]

@@ -1,12 +1,16 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import gtsam
 import numpy as np
 import pytest
 
-from ruledgraph.backend.landmarks import GraphLine
+from ruledgraph.core.line_observations import LinePrediction
 from ruledgraph.frontend import kernel
+from ruledgraph.frontend.edge_batch import Rulings
 from ruledgraph.frontend.ruling_prediction import by_estimate, by_rotation
 from ruledgraph.frontend.tracks import Track
 from ruledgraph_factors import LineChart
@@ -25,23 +29,38 @@ def seen(world_T_cam: gtsam.Pose3, points: np.ndarray) -> np.ndarray:
     return in_cam[:, :2] / in_cam[:, 2:]
 
 
-def random_line(rng: np.random.Generator) -> tuple[GraphLine, np.ndarray]:
+@dataclass
+class Line:
+    track: Track
+    chart: LineChart
+    covariance: np.ndarray
+
+    @property
+    def prediction(self) -> LinePrediction:
+        return LinePrediction(*self.chart.plucker(np.zeros(4)), self.covariance)
+
+
+def random_line(rng: np.random.Generator) -> tuple[Line, np.ndarray]:
     """A line seen before from end to end, and its end points in the world."""
     points = rng.uniform([-1.0, -1.0, 2.0], [1.0, 1.0, 4.0], size=(2, 3))
     track = Track(int(rng.integers(1000)), 0.0, seen(BEFORE, points), 20.0)
-    chart = LineChart.from_points(BEFORE, *points)
-    return GraphLine(0, track, chart, np.zeros(4), COVARIANCE, 0, 0, 0.0), points
+    return Line(track, LineChart.from_points(BEFORE, *points), COVARIANCE), points
+
+
+def estimated(lines: Sequence[Line], otherwise: Rulings) -> Rulings:
+    tracks, known = [line.track for line in lines], [line.prediction for line in lines]
+    return by_estimate(tracks, known, BEFORE, NOW, otherwise, FOCAL)
 
 
 def test_a_known_line_appears_where_its_points_project():
     rng = np.random.default_rng(0)
     lines, points = zip(*(random_line(rng) for _ in range(50)), strict=True)
     rulings = by_rotation([line.track for line in lines], np.eye(3), 0.1, FOCAL)
-    predicted = by_estimate(lines, BEFORE, NOW, rulings, FOCAL)
+    predicted = estimated(lines, rulings)
     for own, ends in zip(predicted.ends, points, strict=True):
         np.testing.assert_allclose(own, seen(NOW, ends), atol=1e-9)
     none = by_rotation([], np.eye(3), 0.1, FOCAL)
-    assert by_estimate([], BEFORE, NOW, none, FOCAL) is none
+    assert estimated([], none) is none
 
 
 def test_the_sigmas_are_those_of_the_covariance():
@@ -49,7 +68,7 @@ def test_the_sigmas_are_those_of_the_covariance():
     line, _ = random_line(rng)
     line.covariance = 4.0 * COVARIANCE
     otherwise = by_rotation([line.track], np.eye(3), 0.1, FOCAL)
-    (own,) = by_estimate([line], BEFORE, NOW, otherwise, FOCAL).one_by_one()
+    (own,) = estimated([line], otherwise).one_by_one()
     offsets = []
     normal = np.array([[0.0, -1.0], [1.0, 0.0]]) @ (own.ends[1] - own.ends[0])
     normal /= np.linalg.norm(normal)
@@ -69,9 +88,8 @@ def test_a_line_through_the_camera_stays_with_the_rotation():
     line, _ = random_line(rng)
     centre = NOW.translation()
     line.chart = LineChart.from_points(BEFORE, centre, centre + np.array([0.3, 0.2, 1.0]))
-    line.delta = np.zeros(4)
     otherwise = by_rotation([line.track], np.eye(3), 0.1, FOCAL)
-    own = by_estimate([line], BEFORE, NOW, otherwise, FOCAL)
+    own = estimated([line], otherwise)
     for mine, other in zip(own, otherwise, strict=True):
         np.testing.assert_array_equal(mine, other)
 
@@ -112,7 +130,7 @@ def test_kernels_predict_the_same(monkeypatch):
     found = []
     for name in ("native", "numpy"):
         monkeypatch.setenv("RULEDGRAPH_KERNEL", name)
-        found.append(by_estimate(lines, BEFORE, NOW, otherwise, FOCAL))
+        found.append(estimated(lines, otherwise))
     for mine, other in zip(*found, strict=True):
         np.testing.assert_allclose(mine, other, rtol=1e-12, atol=1e-12)
 

@@ -69,7 +69,7 @@ def test_of_tracks_on_one_line_the_oldest_stays(oldest):
         track.born = float(i != oldest)
         track.ends, track.slope = LEVEL + 0.001 * i, 20.0
     kept = tracker.tracks[oldest]
-    tracker.drop_twins()
+    tracker.drop_duplicates()
     assert tracker.tracks == [kept]
 
 

@@ -7,17 +7,17 @@ import pytest
 
 from ideal_tracks import CALIBRATION, MANY, ideal_tracks
 from ruledgraph.backend.sliding_window import Window
-from ruledgraph.backend.states import Start
+from ruledgraph.backend.start import Start
 from ruledgraph.core.config import Config
 from ruledgraph.core.timing import Messages
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.integrity.monitor import Trust, imu_error, line_scale
+from ruledgraph.integrity.monitor import IntegrityMonitor, imu_error, line_scale
 from ruledgraph.integrity.segments import Drift
 from simulated_window import BODY_T_CAM, hand_held
 
 
 def run(segments=MANY, late: float = 0.0, noise_times: float = 1.0, seed: int = 1):
-    """Window and trust at the end of 1.6 s, and the messages; IMU stamps are `late`."""
+    """Window and monitor at the end of 1.6 s, and the messages; IMU stamps are `late`."""
     made = ideal_tracks(
         seed, hand_held(np.random.default_rng(seed)), duration=1.6, segments=segments
     )
@@ -42,7 +42,7 @@ def run(segments=MANY, late: float = 0.0, noise_times: float = 1.0, seed: int = 
     )
     window = Window(calibration, Config(), start)
     warnings = Messages()
-    trust = Trust(BODY_T_CAM, Drift(), warnings)
+    monitor = IntegrityMonitor(BODY_T_CAM, Drift(), warnings)
     stamps, times = made.stamps[1:], made.times[1:].tolist()
     for first in range(0, len(times) - 3, 3):
         part = slice(first, first + 3)
@@ -50,38 +50,38 @@ def run(segments=MANY, late: float = 0.0, noise_times: float = 1.0, seed: int = 
             break
         window.extend(stamps[part], times[part], made.imu, made.tracks, False)
         window.optimize()
-        trust.judge(window, False)
-    return window, trust, warnings
+        monitor.update(window, False)
+    return window, monitor, warnings
 
 
-def shown(window: Window, trust: Trust) -> np.ndarray:
+def shown(window: Window, monitor: IntegrityMonitor) -> np.ndarray:
     """Covariance of the place as it is reported over that of the window."""
     state, own = window.newest.state, window.newest.covariances
-    reported = trust.covariances(own, state.pose(), state.velocity())
+    reported = monitor.covariances(own, state.pose(), state.velocity())
     return reported[0][3:, 3:] - own[0][3:, 3:]
 
 
 @pytest.mark.parametrize("noise_times", [1.0, 3.0, 1.0 / 3.0])
 def test_images_and_imu_that_agree(noise_times):
-    window, trust, warnings = run(noise_times=noise_times)
+    window, monitor, warnings = run(noise_times=noise_times)
     assert warnings == []
-    assert not trust.disagree
-    assert not trust.parallel
+    assert not monitor.disagree
+    assert not monitor.parallel
     assert imu_error(window) < 12.0
     # Fits are good: covariances become a little smaller.
     own = window.newest.covariances[0][3:, 3:]
-    share = 1.0 + shown(window, trust)[0, 0] / own[0, 0]
-    np.testing.assert_allclose(shown(window, trust), (share - 1.0) * own)
+    share = 1.0 + shown(window, monitor)[0, 0] / own[0, 0]
+    np.testing.assert_allclose(shown(window, monitor), (share - 1.0) * own)
     assert 0.64 < share < 1.0
 
 
 def test_stamps_that_are_off_are_told():
-    window, trust, warnings = run(late=0.03)
-    assert trust.disagree
+    window, monitor, warnings = run(late=0.03)
+    assert monitor.disagree
     assert "check time offset" in warnings[0]
     # By the ratio of the misfit to the usual one.
     own = window.newest.covariances[0][3:, 3:]
-    assert np.all(np.linalg.eigvalsh(shown(window, trust) - 3.0 * own) > 0.0)
+    assert np.all(np.linalg.eigvalsh(shown(window, monitor) - 3.0 * own) > 0.0)
 
 
 def test_parallel_lines_leave_the_motion_along_them_open():
@@ -89,11 +89,11 @@ def test_parallel_lines_leave_the_motion_along_them_open():
     middles = MANY.mean(axis=1)
     along = np.array([0.3, 1.0, 0.0]) / np.hypot(0.3, 1.0)
     parallel = np.stack([middles - 0.3 * along, middles + 0.3 * along], axis=1)
-    window, trust, warnings = run(segments=parallel)
+    window, monitor, warnings = run(segments=parallel)
     assert warnings == []
-    assert trust.parallel
+    assert monitor.parallel
     R = window.newest.state.attitude().matrix()
-    extra = R @ shown(window, trust) @ R.T
+    extra = R @ shown(window, monitor) @ R.T
     values, vectors = np.linalg.eigh(extra)
     assert np.sqrt(values[-1]) > 0.05
     assert values[1] < 1e-9
@@ -102,45 +102,45 @@ def test_parallel_lines_leave_the_motion_along_them_open():
 
 def judged(misfits: int):
     """A window that has been judged: so many of ten lines miss in each of its intervals."""
-    window, trust, warnings = run()
+    window, monitor, warnings = run()
     for interval in window.intervals:
         interval.offsets, interval.misfits = 10 * [0.0], misfits
-    trust.judge(window, False)
-    return window, trust, warnings
+    monitor.update(window, False)
+    return window, monitor, warnings
 
 
 @pytest.mark.parametrize(
     ("misfits", "disagree", "lost"), [(1, False, False), (4, True, False), (6, True, True)]
 )
 def test_lines_that_do_not_fit_are_told(misfits, disagree, lost):
-    window, trust, warnings = judged(misfits)
-    assert (trust.disagree, trust.lost) == (disagree, lost)
+    window, monitor, warnings = judged(misfits)
+    assert (monitor.disagree, monitor.lost) == (disagree, lost)
     assert len(warnings) == disagree
     assert not disagree or "of the lines do not fit the estimate" in warnings[0]
     # One in ten is usual.
-    assert (shown(window, trust).diagonal() > 0.0).all() == disagree
+    assert (shown(window, monitor).diagonal() > 0.0).all() == disagree
 
 
 def test_lines_that_do_not_fit_for_long_are_those_of_a_lost_estimate():
-    window, trust, warnings = judged(misfits=4)
+    window, monitor, warnings = judged(misfits=4)
     window.newest.time += 1.0
     window.intervals[-1].knot.time += 1.0
-    trust.judge(window, False)
-    assert trust.lost
+    monitor.update(window, False)
+    assert monitor.lost
     assert len(warnings) == 1
 
 
 def test_nobody_looks_at_rest_so_nothing_is_lost_then():
-    window, trust, _ = judged(misfits=4)
+    window, monitor, _ = judged(misfits=4)
     window.newest.time += 1.0
     for interval in window.intervals:
         interval.offsets, interval.misfits, interval.still = [], 0, True
-    trust.judge(window, True)
-    assert not trust.lost
+    monitor.update(window, True)
+    assert not monitor.lost
     # Two looks far from each other, at lines that fit: the share is of those.
     window.intervals[0].offsets = window.intervals[-1].offsets = 5 * [0.0]
-    trust.judge(window, True)
-    assert not trust.misfits
+    monitor.update(window, True)
+    assert not monitor.misfits
 
 
 def test_points_that_are_off_by_what_they_should_be():
@@ -152,36 +152,36 @@ def test_points_that_are_off_by_what_they_should_be():
 
 
 def test_covariances_shrink_no_further_than_the_imu_allows():
-    window, trust, _ = judged(misfits=0)
+    window, monitor, _ = judged(misfits=0)
     own = window.newest.covariances[0][3:, 3:]
     for elapsed in (100.0, 200.0):
         window.newest.time = elapsed
-        trust.judge(window, False)
-        np.testing.assert_allclose(shown(window, trust), -0.35 * own, rtol=1e-9)
+        monitor.update(window, False)
+        np.testing.assert_allclose(shown(window, monitor), -0.35 * own, rtol=1e-9)
     # Nobody looks at rest.
     for interval in window.intervals:
         interval.still = True
-    trust.judge(window, True)
-    np.testing.assert_array_equal(shown(window, trust), 0.0)
+    monitor.update(window, True)
+    np.testing.assert_array_equal(shown(window, monitor), 0.0)
 
 
 def test_covariances_grow_with_how_far_lines_are_from_their_points():
-    window, trust, warnings = run()
+    window, monitor, warnings = run()
     for interval in window.intervals:
         interval.offsets = 3 * [-3.0 * 0.6745, 3.0 * 0.6745, 1e3, 0.0, 3.0 * 0.6745]
-    trust.judge(window, False)
+    monitor.update(window, False)
     own = window.newest.covariances[0][3:, 3:]
-    np.testing.assert_allclose(shown(window, trust), 8.0 * own, rtol=1e-3)
+    np.testing.assert_allclose(shown(window, monitor), 8.0 * own, rtol=1e-3)
     assert warnings == []
     # What is wrong with the place by then stays, of velocity it is forgotten.
     window.newest.time += 100.0
     for interval in window.intervals:
         interval.knot.time += 100.0
         interval.offsets = 15 * [0.6745]
-    trust.judge(window, False)
-    np.testing.assert_allclose(shown(window, trust), 8.0 * own, rtol=1e-3)
+    monitor.update(window, False)
+    np.testing.assert_allclose(shown(window, monitor), 8.0 * own, rtol=1e-3)
     state = window.newest.state
-    reported = trust.covariances(window.newest.covariances, state.pose(), state.velocity())
+    reported = monitor.covariances(window.newest.covariances, state.pose(), state.velocity())
     np.testing.assert_allclose(reported[1], window.newest.covariances[1], rtol=1e-6)
     # Nobody learns of it at rest, nor from a few.
     for change in ({"still": True}, {"offsets": [3.0]}):
@@ -193,7 +193,7 @@ def test_covariances_grow_with_how_far_lines_are_from_their_points():
 
 def test_a_place_that_drifts_on_is_further_off():
     """Each part of its covariance by what was wrong when it came."""
-    window, trust, _ = run()
+    window, monitor, _ = run()
     own = 1e4 * window.newest.covariances[0][3:, 3:]  # more than there ever was
     for times, scale in ((1.0, 3.0), (2.0, 2.0), (2.0, 1.0), (1.5, 2.0)):
         window.newest.covariances[0][3:, 3:] = times * own
@@ -201,27 +201,27 @@ def test_a_place_that_drifts_on_is_further_off():
         for interval in window.intervals:
             interval.knot.time += 100.0
             interval.offsets = 1000 * [scale * 0.6745]
-        trust.judge(window, False)
+        monitor.update(window, False)
     # Nine times the first part, four times the second; nothing was new after that.
-    np.testing.assert_allclose(shown(window, trust), (8.0 + 3.0) * own, rtol=0.01)
+    np.testing.assert_allclose(shown(window, monitor), (8.0 + 3.0) * own, rtol=0.01)
 
 
 def test_covariances_stay_covariances_while_the_body_turns():
     """What is open from before, along one axis, and what is now, along another; a frame between
     knots looks elsewhere.
     """
-    window, trust, _ = run()
+    window, monitor, _ = run()
     for scale, axes in ((30.0, [1.0, 1e-3, 1e-3]), (20.0, [1e-3, 1.0, 1e-3])):
         window.newest.covariances[0][:] = np.diag([1e-4, 1e-4, 1e-4, *axes])
         window.newest.time += 100.0
         for interval in window.intervals:
             interval.knot.time += 100.0
             interval.offsets = 1000 * [scale * 0.6745]
-        trust.judge(window, False)
+        monitor.update(window, False)
     state = window.newest.state
     for angle in np.linspace(0.0, np.pi, 7):
         pose = state.pose().compose(gtsam.Pose3(gtsam.Rot3.Rz(angle), np.zeros(3)))
-        of_pose = trust.covariances(window.newest.covariances, pose, state.velocity())[0]
+        of_pose = monitor.covariances(window.newest.covariances, pose, state.velocity())[0]
         assert np.linalg.eigvalsh(of_pose)[0] > 0.0
         # At the knot no part of either is lost.
         if angle == 0.0:
@@ -229,21 +229,21 @@ def test_covariances_stay_covariances_while_the_body_turns():
 
 
 def test_an_estimate_that_moves_while_the_body_rests_is_off_by_that():
-    window, trust, warnings = run()
+    window, monitor, warnings = run()
     knot = window.newest
     state, slide = knot.state, np.array([0.03, -0.04, 0.0])
-    trust.judge(window, True)
-    before = shown(window, trust)
+    monitor.update(window, True)
+    before = shown(window, monitor)
     knot.state = gtsam.NavState(state.attitude(), state.position() + slide, state.velocity())
     R = state.attitude().matrix()
     for _ in range(2):
-        trust.judge(window, True)
+        monitor.update(window, True)
         np.testing.assert_allclose(
-            R @ (shown(window, trust) - before) @ R.T, np.outer(slide, slide), atol=1e-12
+            R @ (shown(window, monitor) - before) @ R.T, np.outer(slide, slide), atol=1e-12
         )
     assert len(warnings) == 1
     assert "moved by 0.05 m" in warnings[0]
     # It stays when the rest is over.
-    trust.judge(window, False)
-    more = shown(window, trust) - before
+    monitor.update(window, False)
+    more = shown(window, monitor) - before
     np.testing.assert_allclose(R @ more @ R.T, np.outer(slide, slide), atol=1e-12)

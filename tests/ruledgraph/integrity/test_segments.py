@@ -7,7 +7,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from ruledgraph.backend.states import Start
+from ruledgraph.backend.start import Start
 from ruledgraph.integrity.segments import Drift, Ended, Trial, continued, heading
 
 MOUNTINGS = (gtsam.Rot3(), gtsam.Rot3.Ry(-np.pi / 2), gtsam.Rot3.Rx(-np.pi / 2))

@@ -1,0 +1,24 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the smoother is to take in with its next update."""
+
+from dataclasses import dataclass, field
+
+import gtsam
+from gtsam.symbol_shorthand import B, V, X
+
+from ruledgraph.backend.states import Knot, insert_state
+
+
+@dataclass(eq=False)
+class GraphUpdate:
+    """New factors and variables, and times of new and of refreshed variables, s."""
+
+    factors: gtsam.NonlinearFactorGraph = field(default_factory=gtsam.NonlinearFactorGraph)
+    values: gtsam.Values = field(default_factory=gtsam.Values)
+    times: dict[int, float] = field(default_factory=dict)
+
+    def insert(self, knot: Knot) -> None:
+        """Add the variables of a state."""
+        insert_state(self.values, knot)
+        self.times |= {key(knot.index): knot.time for key in (X, V, B)}

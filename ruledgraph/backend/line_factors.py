@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The factors of a line: its edge points in an interval, and what is known of a new one."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+from gtsam import noiseModel
+from gtsam.symbol_shorthand import B, V, X
+
+from ruledgraph.backend.landmarks import Landmark
+from ruledgraph.backend.states import Interval, Knot, LineObservation
+from ruledgraph.core.config import Config
+from ruledgraph.core.line_observations import Sighting
+from ruledgraph_factors import (
+    NEW_LINE_SIGMAS,
+    CompressedPoints,
+    RuledSurfaceFactor,
+    line_distance_factor,
+    new_line_factor,
+    ruled_surface_factor,
+    ruled_surface_factor_with_time_offset,
+)
+
+# A new line's plane is good to this, rad: it was seen, and not long ago.
+_NEW_PLANE = 0.05
+# How far away a line is, m, and by what factor that may be wrong.
+_DISTANCE, _DISTANCE_FACTOR = 3.0, 4.0
+
+
+def compressed_points(sightings: Sequence[Sighting]) -> CompressedPoints:
+    """The points of several frames, for a factor."""
+    return CompressedPoints(np.array([sighting.statistics for sighting in sightings]))
+
+
+def edge_noise(rows: int, weight: float, sigma: float, config: Config) -> noiseModel.Base:
+    """Noise of a line's edge points in an interval.
+
+    Args:
+        rows: of the factor.
+        weight: points that count.
+        sigma: of one of them, normalised units.
+        config: says how robust.
+    """
+    noise: noiseModel.Base = noiseModel.Isotropic.Sigma(rows, sigma)
+    if config.window.robust > 0.0:
+        # The whitened norm of a line that is off by `robust` px in every frame.
+        size = config.window.robust / config.edges.deviation
+        size *= np.sqrt(weight)
+        noise = noiseModel.Robust.Create(noiseModel.mEstimator.Cauchy.Create(size), noise)
+    return noise
+
+
+def observation(
+    interval: Interval,
+    line: Landmark,
+    index: Sequence[int],
+    sightings: Sequence[Sighting],
+    body_T_cam: gtsam.Pose3,
+    sigma: float,
+    config: Config,
+) -> LineObservation:
+    """The factor of a line over the frames `index` of an interval, in which it was sighted."""
+    compressed = compressed_points(sightings)
+    noise = edge_noise(compressed.rows, compressed.weight, sigma, config)
+    k = interval.knot.index
+    is_whole = len(index) == len(interval.stamps)
+    motion = interval.motion if is_whole else interval.motion.select(list(index))
+    rest = motion, line.chart, compressed, body_T_cam
+    if interval.link is None or motion.time_jacobian is None:
+        factor = ruled_surface_factor(noise, X(k), V(k), B(k), line.key, *rest)
+    else:
+        keys = X(k), V(k), B(k), interval.link.key, line.key
+        factor = ruled_surface_factor_with_time_offset(noise, *keys, *rest)
+    return LineObservation(line, factor, compressed, (index[-1], sightings[-1].points))
+
+
+def new_line_factors(knot: Knot, seen: LineObservation) -> tuple[gtsam.NonlinearFactor, ...]:
+    """What is known of a line before it is looked at from two places, by its first observation.
+
+    It is all said of the line as seen from that knot. Priors in the world's frame would do as well
+    for the line; but with every line that came, place and heading, which nothing shows, would seem
+    better known, and be drawn to where the priors fit.
+    """
+    line, spec, points = seen.line, seen.factor.spec, seen.points
+    wide = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
+    factor = noiseModel.Isotropic.Sigma(1, math.log(_DISTANCE_FACTOR))
+    # The robust loss gives up points that are far off, and one bad step would carry the line away
+    # for good: its points once more, loose and without that loss.
+    loose = noiseModel.Isotropic.Sigma(points.rows, _NEW_PLANE * math.sqrt(points.weight))
+    pose_key, pose = spec.keys[0], knot.state.pose()
+    return (
+        new_line_factor(wide, pose_key, line.key, line.chart, pose),
+        line_distance_factor(factor, pose_key, line.key, line.chart, _DISTANCE),
+        RuledSurfaceFactor(replace(spec, noise_model=loose)),
+    )

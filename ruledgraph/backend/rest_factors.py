@@ -1,0 +1,41 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a rest says of the states in it."""
+
+from collections.abc import Sequence
+from itertools import takewhile
+
+import gtsam
+import numpy as np
+from gtsam import noiseModel
+from gtsam.symbol_shorthand import V, X
+
+from ruledgraph.backend.states import Interval
+
+# The velocity (m/s) of a knot that lies so long (s) before the end of a rest: later ones may have
+# begun to move. How far it may be from the first knot of the rest (rad, m).
+_STILL_VELOCITY, _MID_REST = 0.005, 0.15
+_STILL_POSE = 3e-3
+
+
+def resting(intervals: Sequence[Interval]) -> list[Interval]:
+    """Those of the rest that goes on until the newest knot, newest first."""
+    return list(takewhile(lambda interval: interval.still, reversed(intervals)))
+
+
+def rest_factors(intervals: Sequence[Interval], now: float) -> list[gtsam.NonlinearFactor]:
+    """What a rest says that goes on until the newest knot, at time `now`, of the knot in its
+    middle: no velocity, and no motion since its first knot. The knot's interval keeps them.
+    """
+    rest = resting(intervals)
+    middle = next((part for part in rest if part.knot.time <= now - _MID_REST), None)
+    if middle is None:
+        return []
+    first, k = rest[-1].knot.index, middle.knot.index
+    slow = noiseModel.Isotropic.Sigma(3, _STILL_VELOCITY)
+    factors: list[gtsam.NonlinearFactor] = [gtsam.PriorFactorVector(V(k), np.zeros(3), slow)]
+    if k > first:
+        near = noiseModel.Isotropic.Sigma(6, _STILL_POSE)
+        factors.append(gtsam.BetweenFactorPose3(X(first), X(k), gtsam.Pose3(), near))
+    middle.imu_factors += factors
+    return factors

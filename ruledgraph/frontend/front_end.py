@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The front end: an image in, the edge points of the lines it follows out."""
+
+from collections.abc import Collection, Mapping
+from typing import NamedTuple
+
+from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.config import EdgesConfig
+from ruledgraph.core.line_observations import LinePrediction, LineTrack
+from ruledgraph.core.measurements import Frame
+from ruledgraph.core.timing import Timings
+from ruledgraph.frontend.detection import Detection
+from ruledgraph.frontend.gradient import Gradient
+from ruledgraph.frontend.line_detection import DETECTORS
+from ruledgraph.frontend.prefetch import PrefetchCache
+from ruledgraph.frontend.ruling_prediction import CameraMotion, predict
+from ruledgraph.frontend.tracks import Tracker
+
+# Gradients, of eight times the memory of an image, are computed of so many frames ahead at most.
+_MOST_GRADIENTS = 32
+
+
+class Predicted(NamedTuple):
+    """What is known of a frame before it is looked at."""
+
+    motion: CameraMotion
+    lines: Mapping[int, LinePrediction]
+    """Of the graph, by their ids; other tracks are predicted by the rotation alone."""
+
+
+class FrontEnd:
+    """Follows lines from frame to frame and starts new ones.
+
+    For each frame call `start_tracks`, then `process`, then, when all who may mark tracks as lost
+    have done so, `drop_lost`.
+    """
+
+    def __init__(self, camera: CameraModel, config: EdgesConfig, timings: Timings) -> None:
+        self.tracker = Tracker(camera, config)
+        self._focal = camera.focal_length
+        self._timings = timings
+        self._detection = Detection(self.tracker, DETECTORS[config.detector])
+        self._gradients = PrefetchCache[Gradient](_MOST_GRADIENTS)
+
+    def prefetch(self, frame: Frame) -> None:
+        """Compute of a frame to come what it will need; from another thread, in order."""
+        if not self._gradients.full:
+            self._gradients.put(frame, Gradient(frame.image))
+        self._detection.prefetch(frame)
+
+    def start_tracks(self) -> None:
+        """Start tracks on the segments found in the frame before, if they were looked for."""
+        if self._detection.pending:
+            with self._timings.measured("detection"):
+                self._detection.start_tracks()
+
+    def process(
+        self, frame: Frame, time: float, predicted: Predicted | None, detect_every: float | None
+    ) -> list[int]:
+        """Search every track where it is predicted.
+
+        Args:
+            frame: the image.
+            time: of the frame, s.
+            predicted: None for the first frame.
+            detect_every: new segments are looked for, too, when that was last done so long ago, s.
+
+        Returns:
+            The ids of the tracks that were found.
+        """
+        with self._timings.measured("gradient"):
+            gradient = self._gradients.take(frame) or Gradient(frame.image)
+        if detect_every is not None and self._detection.is_due(time, detect_every):
+            self._detection.begin(frame, gradient, time)
+        if predicted is None:
+            return []
+        with self._timings.measured("search"):
+            rulings = predict(self.tracker.tracks, predicted.lines, predicted.motion, self._focal)
+            found = self.tracker.follow(frame.stamp, time, gradient, rulings)
+        return [track.number for track in found]
+
+    def observed(self) -> list[LineTrack]:
+        """The tracks as of the last frame."""
+        return self.tracker.observed()
+
+    def image_motion(self, since: int) -> float:
+        """See `Tracker.image_motion`."""
+        return self.tracker.image_motion(since)
+
+    def mark_lost(self, ids: Collection[int]) -> None:
+        """Follow these tracks no longer."""
+        self.tracker.mark_lost(ids)
+
+    def drop_lost(self, before: int) -> None:
+        """Forget tracks that are lost, and what was seen before a stamp."""
+        self.tracker.drop_lost()
+        self.tracker.forget(before)
+
+    def retime(self, change: float) -> None:
+        """The times of all frames were corrected by so much, s."""
+        self.tracker.retime(change)
+        self._detection.retime(change)
+
+    def clear(self) -> None:
+        """Forget all tracks."""
+        self.tracker.tracks.clear()
+        self._detection.forget()

@@ -1,0 +1,213 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""A trajectory segment: from a start until the end of the recording, a gap or a failure."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import gtsam
+
+from ruledgraph.backend.sliding_window import Window
+from ruledgraph.backend.start import Start
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.config import Config
+from ruledgraph.core.estimates import Status
+from ruledgraph.core.line_observations import LinePrediction
+from ruledgraph.core.output import Output
+from ruledgraph.frontend.front_end import FrontEnd
+from ruledgraph.imu.camera_clock import CameraClock
+from ruledgraph.imu.frame_history import EARLY, FrameTime
+from ruledgraph.imu.propagation import ImuPropagator
+from ruledgraph.imu.synchronizer import Synchronizer
+from ruledgraph.integrity.monitor import IntegrityMonitor
+from ruledgraph.integrity.reporter import EstimateReporter
+from ruledgraph.integrity.rest import RestDetector
+from ruledgraph.integrity.segments import Drift, Ended
+
+# At rest the window is solved this often (s), while the image has not moved since by more, px.
+_IDLE, _UNMOVED = 0.8, 0.2
+# With fewer lines of the graph in view for so long (s), the IMU alone carries the estimate.
+_FEWEST_LINES, _LINES_MISSING = 2, 0.3
+
+
+class Stages(NamedTuple):
+    """The stages that serve all segments."""
+
+    sensors: Synchronizer
+    front_end: FrontEnd
+    rest: RestDetector
+    clock: CameraClock
+    output: Output
+
+
+class TrajectorySegment:
+    """A sliding window with its integrity monitor, carried on frame by frame.
+
+    Args:
+        number: counts from 0.
+        calibration: of camera and IMU.
+        config: all settings.
+        stages: before and after it.
+        start: where it begins.
+        frames: that the start was made of.
+        drift: what is open of its position and heading from the beginning.
+        ended: the segment before it.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        calibration: Calibration,
+        config: Config,
+        stages: Stages,
+        start: Start,
+        frames: Sequence[FrameTime],
+        drift: Drift,
+        ended: Ended | None,
+    ) -> None:
+        self._config = config
+        self._stages = stages
+        self.confirmed = not start.lines
+        """Whether the start holds: one in motion is on trial."""
+        self.window = Window(calibration, config, start, stages.sensors.correction)
+        self.monitor = IntegrityMonitor(calibration.body_T_cam, drift, stages.output.warnings)
+        self._reporter = EstimateReporter(
+            stages.output, number, self.monitor, hold=not self.confirmed
+        )
+        self._propagator = ImuPropagator(stages.sensors.imu, calibration.imu_noise)
+        self.state = self.window.newest.state
+        """Of the latest frame."""
+        self.ended = ended
+        """The last that was known of it, or of the segment before."""
+        self._still = False
+        self._last_lines = frames[-1].time
+        pending: list[FrameTime] = []
+        for frame in frames[1:]:
+            pending.append(frame)
+            if self.is_state_due(frame.time) or frame is frames[-1]:
+                self._add_state(pending)
+                pending = []
+        if len(frames) > 1:
+            self._optimize()
+
+    # -- before a frame is looked at -------------------------------------------------------------
+
+    def is_state_due(self, time: float) -> bool:
+        """Whether a frame at a time (s) gets a state."""
+        return time - self.window.newest.time >= self._config.window.knot_interval - EARLY
+
+    def detect_every(self, rate: float) -> float:
+        """How often new lines are looked for, s, when it is `rate` in motion."""
+        return self._idle if self._still else rate
+
+    @property
+    def _idle(self) -> float:
+        """At rest new lines are looked for, and the window is solved, this often, s."""
+        return min(self._config.window.lag / 2.0, _IDLE)
+
+    def predict(self, time: float) -> gtsam.NavState:
+        """Carry the state on to a time (s) after the newest node, by the IMU."""
+        self.state = self._propagator.predict(self.window.newest, time)
+        return self.state
+
+    def predicted_lines(self, time: float) -> Mapping[int, LinePrediction]:
+        """What is known of the lines of the graph, none where the motion is a guess."""
+        if self._is_blind(time):
+            return {}
+        return {id_: line.prediction() for id_, line in self.window.lines.items()}
+
+    def _is_blind(self, time: float) -> bool:
+        """Whether the IMU's prediction crosses a doubt that no line has bridged yet."""
+        intervals = self.window.intervals
+        guessed = bool(intervals) and not intervals[-1].is_known
+        return guessed or bool(self._stages.sensors.imu.doubts(self.window.newest.time, time))
+
+    # -- afterwards ------------------------------------------------------------------------------
+
+    def advance(self) -> None:
+        """Add a state at the last of the frames that follow the newest one, and solve."""
+        frames = self._stages.sensors.frames.after(self.window.newest.time)
+        time, solved = frames[-1].time, self.window.solved
+        still = self._is_still(time)
+        idle = still and self.confirmed and time - solved < self._idle - EARLY
+        if idle and self._stages.rest.image_motion(solved) < _UNMOVED:
+            self._extend(frames, still, look=False)
+            self._propagator.reset()
+            self.state = self.window.newest.state
+        else:
+            self._extend(frames, still)
+            self._optimize()
+
+    def _is_still(self, time: float) -> bool:
+        return self._stages.rest.is_still(time, self.window.rests_since)
+
+    def _add_state(self, frames: Sequence[FrameTime]) -> None:
+        self._extend(frames, self._is_still(frames[-1].time))
+
+    def _extend(self, frames: Sequence[FrameTime], still: bool, look: bool = True) -> None:
+        self._still = still
+        sensors, front_end = self._stages.sensors, self._stages.front_end
+        stamps, times = [f.stamp for f in frames], [f.time for f in frames]
+        tracks = front_end.observed() if look else []
+        self.window.extend(stamps, times, sensors.imu, tracks, still, sensors.correction)
+        front_end.mark_lost(self.window.line_map.take_rejected())
+
+    def _optimize(self) -> None:
+        window, clock = self.window, self._stages.clock
+        self._reporter.smoothed(window, window.optimize(), clock.offset)
+        self._reporter.lines(window.line_map.take_retired())
+        self._stages.front_end.mark_lost(window.line_map.take_rejected())
+        self.monitor.update(window, self._still)
+        self._propagator.reset()
+        self.state = window.newest.state
+        clock.update(window.time_offset, self.confirmed and not self.monitor.disagree)
+
+    def confirm(self) -> None:
+        """The start holds."""
+        self.confirmed = True
+        self._reporter.release()
+
+    @property
+    def failure(self) -> str:
+        """Why it cannot go on; empty while it can."""
+        if self.monitor.lost:
+            return "most lines do not fit the estimate"
+        return "" if self.window.is_plausible() else "the estimate ran away"
+
+    def report(self, frame: FrameTime, lines: int, at_state: bool) -> Status:
+        """Hand out the live estimate of a frame in which so many lines of the graph were seen."""
+        status = self._status(frame.time, lines)
+        clock = self._stages.clock
+        estimate = self._reporter.live(
+            self.window, frame, self.state, status, lines, at_state, clock.offset
+        )
+        if not self.monitor.misfits:  # else it may be lost since then
+            pose, velocity = estimate.world_T_body, estimate.velocity
+            self.ended = Ended(frame.time, pose, velocity, estimate.covariances)
+        return status
+
+    def _status(self, time: float, lines: int) -> Status:
+        if lines >= _FEWEST_LINES:
+            self._last_lines = time
+        unsure = self._stages.sensors.imu.is_unsure(time)
+        if unsure or self.monitor.disagree or self._is_blind(time):
+            return "doubtful"
+        if self._still:
+            return "still"
+        missing = time - self._last_lines > _LINES_MISSING
+        return "dead reckoning" if missing or self.monitor.parallel else "tracking"
+
+    def finish(self) -> None:
+        """Hand out what is still in the window."""
+        window = self.window
+        left = self._stages.sensors.frames.after(window.newest.time)
+        if window.is_plausible():
+            if left:
+                self._add_state(left)
+            if window.intervals and window.newest.time > window.solved:
+                self._optimize()
+        self._reporter.smoothed(window, list(window.intervals), self._stages.clock.offset)
+        self._reporter.lines([*window.line_map.take_retired(), *window.lines.values()])
+        self._reporter.release()
+        for recovery in window.recoveries:
+            self._stages.output.recoveries.append(recovery)

@@ -1,0 +1,37 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+
+import numpy as np
+
+from ideal_tracks import CALIBRATION, IdealTracks, at_rest, ideal_tracks
+from ruledgraph.core.timing import Messages
+from ruledgraph.imu.frame_history import FrameTime
+from ruledgraph.imu.synchronizer import Synchronizer
+from ruledgraph.integrity.rest import RestDetector
+from simulated_window import hand_held
+
+
+def is_still(made: IdealTracks, image_motion: float, since: float | None = None) -> bool:
+    sensors = Synchronizer(CALIBRATION, Messages())
+    sensors.imu = made.imu
+    for stamp, time in zip(made.stamps, made.times.tolist(), strict=True):
+        sensors.frames.append(FrameTime(stamp, time))
+    asked = []
+
+    def motion(stamp: int) -> float:
+        asked.append(stamp)
+        return image_motion
+
+    still = RestDetector(sensors, motion).is_still(0.8, since)
+    if since is not None and still:
+        assert abs(asked[-1] * 1e-9 - since) < 0.04  # the frame then, at 30 Hz
+    return still
+
+
+def test_what_moves_is_not_still():
+    resting = ideal_tracks(0, at_rest(1.0), duration=0.9)
+    assert is_still(resting, 0.1)
+    assert is_still(resting, 0.1, since=0.2)
+    assert not is_still(resting, 5.0)
+    assert not is_still(resting, np.inf)
+    assert not is_still(ideal_tracks(0, hand_held(np.random.default_rng(0)), duration=0.9), 0.1)
