@@ -83,7 +83,7 @@ def test_intervals_leave_after_the_lag_with_all_their_frames():
 
 
 def clipped_run(seed: int) -> tuple[float, list[Interval], IdealTracks]:
-    """Error at the end, m, all intervals, and what was seen, with a gyroscope too small for the motion."""
+    """Error at the end, m, all intervals, and what was seen; the gyroscope is too small."""
     made = ideal_tracks(seed, hand_held(np.random.default_rng(seed)))
     samples, made.imu = made.imu.between(0.0, made.times[-1]), ImuBuffer()
     end = 0.7 * np.abs(samples.gyroscope).max(axis=0)
