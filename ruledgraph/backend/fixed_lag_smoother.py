@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """GTSAM's incremental fixed-lag smoother: the only module that touches it and its failures."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import gtsam
 import numpy as np
+from scipy.linalg import block_diag
 
 from ruledgraph.calibration.sensors import FloatArray
 from ruledgraph.core.errors import RuledgraphError
@@ -151,6 +152,22 @@ class FixedLagSmoother:
         # The pre-release of GTSAM 4.3 has it in iSAM2 alone, of which this makes a copy.
         has_it = hasattr(smoother, "getLinearizationPoint")
         return (smoother if has_it else smoother.getISAM2()).getLinearizationPoint()
+
+    def joint_covariance(self, keys: Sequence[int]) -> FloatArray | None:
+        """Marginal covariance of several variables together, in their order; None when it cannot
+        be computed.
+        """
+        try:
+            isam = self._smoother.getISAM2()
+            if hasattr(isam, "jointMarginalCovariance"):
+                joint = isam.jointMarginalCovariance(list(keys))
+                blocks = [[joint.at(i, j) for j in keys] for i in keys]
+                found = np.block(blocks)
+            else:  # the pre-release of GTSAM 4.3: without what lies between the variables
+                found = block_diag(*(self._smoother.marginalCovariance(key) for key in keys))
+        except (RuntimeError, IndexError):
+            return None
+        return np.asarray(found) if np.isfinite(found).all() else None
 
     def covariance(self, key: int) -> FloatArray | None:
         """Marginal covariance of a variable, None when it cannot be computed."""

@@ -57,4 +57,4 @@ def imu_interval(
     timed = link is not None and not still
     motion = preintegrate_frames(samples, knot.time, times, knot.bias, with_time=timed)
     interval = Interval(knot, list(stamps), motion, [factor], known, again, link, still)
-    return interval, Knot(k + 1, times[-1], state, knot.bias, knot.covariances)
+    return interval, Knot(k + 1, times[-1], state, knot.bias, knot.covariance)

@@ -7,10 +7,7 @@ from collections.abc import Iterable, Sequence
 from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_factors import new_line_factors
-from ruledgraph.backend.states import Interval, Knot, add_priors
-
-# The first state is trusted this much less than it said.
-_INFLATION = 2.0
+from ruledgraph.backend.states import Interval, Knot, joint_prior
 
 
 def rebuilt(
@@ -30,13 +27,13 @@ def rebuilt(
     """
     update = GraphUpdate()
     factors, values, times = update.factors, update.values, update.times
-    add_priors(factors, knots[0], _INFLATION)
+    factors.add(joint_prior(knots[0]))
     for knot in knots:
         update.insert(knot)
     links = [interval.link for interval in intervals if interval.link is not None]
     for i, link in enumerate(links):
         tie = link.tie(links[i - 1], clock_walk) if i else None
-        factors.add(tie or link.prior(_INFLATION))
+        factors.add(tie or link.prior())
         values.insert(link.key, link.shift)
         times[link.key] = link.time
     kept = {id(line) for line in lines}

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
+from scipy.linalg import block_diag
 
 from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother, SmootherError
 from ruledgraph.backend.graph_update import GraphUpdate
@@ -46,12 +47,12 @@ class Window:
         self._config = config
         self._imu_noise = calibration.imu_noise
         self._smoother = self._fresh_smoother()
-        covariances = (
+        covariance = block_diag(
             start.pose_covariance,
             np.eye(3) * start.velocity_sigma**2,
             np.diag(np.square(start.bias_sigmas)),
         )
-        first = Knot(0, start.time, start.state, start.bias, covariances)
+        first = Knot(0, start.time, start.state, start.bias, covariance)
         self.time_offset = start.time_offset
         """Beyond the calibration's, as of the newest interval, when it is estimated."""
         if start.time_offset is not None:
@@ -186,6 +187,7 @@ class Window:
         gone = []
         while self.intervals and self.intervals[0].knot.time < oldest:
             interval = self.intervals.popleft()
+            self._read_covariance(interval.knot)
             gone.append(interval)
             self.knots.popleft()
             for line, factor, _, _ in interval.observations:
@@ -213,10 +215,7 @@ class Window:
         return jump < _STEP and change < _VELOCITY_STEP
 
     def _read_covariances(self) -> None:
-        k = self.newest.index
-        pose, velocity, bias = (self._smoother.covariance(key(k)) for key in (X, V, B))
-        if pose is not None and velocity is not None and bias is not None:
-            self.newest.covariances = pose, velocity, bias
+        self._read_covariance(self.newest)
         link = self.intervals[-1].link
         if link is not None:
             variance = self._smoother.covariance(link.key)
@@ -224,6 +223,17 @@ class Window:
                 link.sigma = float(np.sqrt(variance[0, 0]))
             self.time_offset = link.offset
         self.line_map.read_covariances(self._smoother, self.newest.time)
+
+    def _read_covariance(self, knot: Knot) -> None:
+        keys = X(knot.index), V(knot.index), B(knot.index)
+        covariance = self._smoother.joint_covariance(keys)
+        if covariance is not None:
+            knot.covariance = covariance
+
+    def read_smoothed_covariances(self) -> None:
+        """Of all states, as they are known now."""
+        for knot in self.knots:
+            self._read_covariance(knot)
 
     def _recover(self) -> None:
         """A new smoother from the window's own states, marginals and data; failing that, without

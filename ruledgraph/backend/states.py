@@ -14,6 +14,7 @@ from gtsam.symbol_shorthand import B, V, X
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.time_offset import OffsetLink
 from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.estimates import Covariances, blocks
 from ruledgraph.core.line_observations import Sighting
 from ruledgraph_factors import (
     STANDARD_GRAVITY,
@@ -24,6 +25,7 @@ from ruledgraph_factors import (
 from ruledgraph_factors.ruled_surface import State
 
 _GRAVITY = np.array(STANDARD_GRAVITY)
+_UNIT = noiseModel.Unit.Create(15)
 
 
 @dataclass(eq=False)
@@ -34,8 +36,13 @@ class Knot:
     time: float
     state: gtsam.NavState
     bias: gtsam.imuBias.ConstantBias
-    covariances: tuple[FloatArray, FloatArray, FloatArray]
-    """Of pose (6, 6), velocity (3, 3) and bias (6, 6), when it was new."""
+    covariance: FloatArray
+    """Of pose, velocity and bias together, (15, 15): when it was new, at the end as it left."""
+
+    @property
+    def covariances(self) -> Covariances:
+        """Of pose (6, 6), velocity (3, 3) and bias (6, 6)."""
+        return blocks(self.covariance)
 
 
 class LineObservation(NamedTuple):
@@ -124,11 +131,20 @@ def insert_state(values: gtsam.Values, knot: Knot) -> None:
     values.insert(B(knot.index), knot.bias)
 
 
-def add_priors(factors: gtsam.NonlinearFactorGraph, knot: Knot, inflation: float = 1.0) -> None:
-    """Priors of a knot with its own covariances, `inflation` times the deviations."""
-    pose, velocity, bias = (
-        noiseModel.Gaussian.Covariance(c * inflation**2) for c in knot.covariances
-    )
+def add_priors(factors: gtsam.NonlinearFactorGraph, knot: Knot) -> None:
+    """Priors of a first state, whose pose, velocity and bias are independent."""
+    pose, velocity, bias = (noiseModel.Gaussian.Covariance(c) for c in knot.covariances)
     factors.addPriorPose3(X(knot.index), knot.state.pose(), pose)
     factors.addPriorVector(V(knot.index), knot.state.velocity(), velocity)
     factors.addPriorConstantBias(B(knot.index), knot.bias, bias)
+
+
+def joint_prior(knot: Knot) -> gtsam.NonlinearFactor:
+    """What is known of a state: pose, velocity and bias with their joint covariance."""
+    keys, values = (X(knot.index), V(knot.index), B(knot.index)), gtsam.Values()
+    insert_state(values, knot)
+    root = np.linalg.cholesky(np.linalg.inv(knot.covariance)).T
+    blocks = [np.asfortranarray(root[:, part]) for part in (slice(6), slice(6, 9), slice(9, 15))]
+    (x, v, b), (A, C, D) = keys, blocks
+    factor = gtsam.JacobianFactor(x, A, v, C, b, D, np.zeros(15), _UNIT)
+    return gtsam.LinearContainerFactor(factor, values)

@@ -46,9 +46,9 @@ class OffsetLink:
         """Beyond the calibration's."""
         return TimeOffset(self.shift, self.sigma).moved(self.correction)
 
-    def prior(self, inflation: float = 1.0) -> gtsam.NonlinearFactor:
+    def prior(self) -> gtsam.NonlinearFactor:
         """What is known of the first of a window."""
-        noise = noiseModel.Isotropic.Sigma(1, self.sigma * inflation)
+        noise = noiseModel.Isotropic.Sigma(1, self.sigma)
         return gtsam.PriorFactorDouble(self.key, self.shift, noise)
 
     def tie(self, before: "OffsetLink", walk: float) -> gtsam.NonlinearFactor:

@@ -13,6 +13,12 @@ from ruledgraph.core.time_offset import NO_OFFSET, TimeOffset
 Covariances: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 """Of pose (6, 6), velocity (3, 3) and bias (6, 6)."""
 
+
+def blocks(covariance: FloatArray) -> Covariances:
+    """The blocks of pose, velocity and bias of a joint covariance, (15, 15)."""
+    return covariance[:6, :6], covariance[6:9, 6:9], covariance[9:, 9:]
+
+
 Status = Literal["tracking", "still", "dead reckoning", "doubtful"]
 
 
@@ -27,7 +33,7 @@ class Estimate:
     """Of the body in the world, (3,), m/s."""
     bias: gtsam.imuBias.ConstantBias
     covariances: Covariances
-    """Of pose (6, 6), velocity (3, 3) and bias (6, 6), as of the last knot when it was new."""
+    """Of pose (6, 6), velocity (3, 3) and bias (6, 6)."""
     lines: int
     """Lines of the graph that were seen in the frame."""
     status: Status

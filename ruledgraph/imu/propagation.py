@@ -1,13 +1,16 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""The newest state carried forward by the IMU to the frames that follow it."""
+"""A state and its covariance carried forward by the IMU to the frames that follow it."""
 
 from typing import Protocol
 
 import gtsam
+import numpy as np
 
-from ruledgraph.calibration.sensors import ImuNoise
-from ruledgraph.imu.buffer import ImuBuffer
+from ruledgraph.calibration.sensors import FloatArray, ImuNoise
+from ruledgraph.imu.buffer import ImuBuffer, params_across
+from ruledgraph_factors import STANDARD_GRAVITY, FrameMotion, preintegrate_frames
+from ruledgraph_factors.so3 import hat
 
 
 def rotation_between(imu: ImuBuffer, start: float, stop: float) -> gtsam.Rot3:
@@ -24,6 +27,56 @@ class StateNode(Protocol):
     time: float
     state: gtsam.NavState
     bias: gtsam.imuBias.ConstantBias
+    covariance: FloatArray
+    """Of pose (rotation first, right perturbation), velocity and bias together, (15, 15)."""
+
+
+def propagated_covariances(
+    node: StateNode, motion: FrameMotion, imu: ImuBuffer, noise: ImuNoise
+) -> FloatArray:
+    """Covariances of the states at all frames of a motion from a node, (n, 15, 15).
+
+    P_t = F P F^T + Q: F is the derivative of the motion's equation (see `FrameMotion`) by the
+    node's pose, velocity and bias, Q the noise of gyroscope (G) and accelerometer (A) and the
+    biases' random walk over the time t since the node, of samples in between as they are:
+
+        Q = [[G t, 0, 0], [0, A t^3/3, A t^2/2], [0, A t^2/2, A t]]
+
+    by rotation, position and velocity.
+    """
+    R, count = node.state.attitude().matrix(), len(motion)
+    gravity, bias = np.array(STANDARD_GRAVITY), node.bias.vector()
+    predicted = motion.predict(R, node.state.position(), node.state.velocity(), bias, gravity)
+    assert predicted.jacobian is not None  # noqa: S101 - it was asked for
+    F = np.tile(np.eye(15), (count, 1, 1))
+    F[:, :6] = predicted.jacobian[:, :, :15]
+    F[:, 6:9, :3] = -R @ hat(motion.corrected(bias)[:, 6:9])
+    F[:, 6:9, 9:] = R @ motion.bias_jacobian[:, 6:9]
+    covariances = F @ node.covariance @ F.transpose(0, 2, 1)
+    until = node.time + float(motion.elapsed[-1])
+    params = noise.preintegration_params()
+    doubts = imu.doubts(node.time, until)
+    if doubts:
+        params = params_across(noise, doubts, node.time, until)
+    return covariances + _noise(params, R, predicted.rotation, motion.elapsed)
+
+
+def _noise(
+    params: gtsam.PreintegrationCombinedParams, R: FloatArray, R_t: FloatArray, elapsed: FloatArray
+) -> FloatArray:
+    t = elapsed[:, None, None]
+    force = R @ params.getAccelerometerCovariance() @ R.T
+    frame_R_world = R_t.transpose(0, 2, 1)
+    Q = np.zeros((len(elapsed), 15, 15))
+    Q[:, :3, :3] = params.getGyroscopeCovariance() * t
+    Q[:, 3:6, 3:6] = frame_R_world @ force @ R_t * (t**3 / 3.0)
+    Q[:, 3:6, 3:6] += params.getIntegrationCovariance() * t
+    Q[:, 3:6, 6:9] = frame_R_world @ force * (t**2 / 2.0)
+    Q[:, 6:9, 3:6] = Q[:, 3:6, 6:9].transpose(0, 2, 1)
+    Q[:, 6:9, 6:9] = force * t
+    Q[:, 9:12, 9:12] = params.getBiasAccCovariance() * t
+    Q[:, 12:, 12:] = params.getBiasOmegaCovariance() * t
+    return Q
 
 
 class ImuPropagator:
@@ -50,3 +103,11 @@ class ImuPropagator:
             self._preintegrated.integrateMeasurement(*segment)
         self._until = time
         return self._preintegrated.predict(node.state, node.bias)
+
+    def covariance(self, node: StateNode, time: float) -> FloatArray:
+        """Of the state at a later time, (15, 15)."""
+        if time <= node.time:
+            return node.covariance
+        samples = self._imu.between(node.time, time)
+        motion = preintegrate_frames(samples, node.time, [time], node.bias)
+        return np.asarray(propagated_covariances(node, motion, self._imu, self._noise)[0])

@@ -9,10 +9,13 @@ import gtsam
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import Interval
-from ruledgraph.core.estimates import Estimate, Status
+from ruledgraph.calibration.sensors import FloatArray, ImuNoise
+from ruledgraph.core.estimates import Estimate, Status, blocks
 from ruledgraph.core.output import Output
 from ruledgraph.core.time_offset import TimeOffset
+from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.frame_history import FrameTime
+from ruledgraph.imu.propagation import propagated_covariances
 from ruledgraph.integrity.monitor import IntegrityMonitor
 
 
@@ -23,49 +26,64 @@ class EstimateReporter:
         output: where they go.
         segment: its number.
         monitor: of its integrity.
-        hold: keep live estimates back until `release`.
+        imu: samples that cover the window.
+        noise: of the IMU.
+        hold: keep everything back until `release`.
     """
 
-    def __init__(self, output: Output, segment: int, monitor: IntegrityMonitor, hold: bool) -> None:
+    def __init__(
+        self,
+        output: Output,
+        segment: int,
+        monitor: IntegrityMonitor,
+        imu: ImuBuffer,
+        noise: ImuNoise,
+        hold: bool,
+    ) -> None:
         self._output = output
         self._segment = segment
         self._monitor = monitor
+        self._imu = imu
+        self._noise = noise
         self._live_by_stamp: dict[int, Estimate] = {}
-        self._held: list[Estimate] | None = [] if hold else None
+        self._held = Output() if hold else None
 
     def release(self) -> None:
-        """Hand out the live estimates that were held back, and those to come at once."""
-        self._output.put(live=self._held or ())
-        self._held = None
+        """Hand out what was held back, and what comes from now on at once."""
+        held, self._held = self._held, None
+        if held is not None:
+            self._output.put(held.take_live(), held.take_smoothed(), held.take_lines())
+
+    @property
+    def _out(self) -> Output:
+        return self._output if self._held is None else self._held
 
     def live(
         self,
         window: Window,
         frame: FrameTime,
         state: gtsam.NavState,
+        covariance: FloatArray,
         status: Status,
         lines: int,
         at_knot: bool,
         time_offset: TimeOffset,
     ) -> Estimate:
-        """The estimate of the latest frame."""
+        """The estimate of the latest frame, whose state has this covariance, (15, 15)."""
         knot, pose, velocity = window.newest, state.pose(), state.velocity()
         estimate = Estimate(
             stamp=frame.stamp,
             world_T_body=pose,
             velocity=velocity,
             bias=knot.bias,
-            covariances=self._monitor.covariances(knot.covariances, pose, velocity),
+            covariances=self._monitor.covariances(blocks(covariance), pose, velocity),
             lines=lines,
             status=status,
             at_knot=at_knot,
             segment=self._segment,
             time_offset=time_offset,
         )
-        if self._held is None:
-            self._output.put(live=[estimate])
-        else:
-            self._held.append(estimate)
+        self._out.put(live=[estimate])
         self._live_by_stamp[frame.stamp] = estimate
         return estimate
 
@@ -74,29 +92,26 @@ class EstimateReporter:
     ) -> None:
         """The estimates of intervals' frames, and of the window's first frame."""
         for interval in intervals:
-            self._output.put(smoothed=self._of_interval(window, interval, time_offset))
+            self._out.put(smoothed=self._of_interval(window, interval, time_offset))
 
     def _of_interval(
         self, window: Window, interval: Interval, time_offset: TimeOffset
     ) -> Iterable[Estimate]:
         knot = interval.knot
         otherwise: Status = "doubtful" if self._monitor.disagree else "tracking"
-        stamps, poses = interval.stamps[interval.again :], interval.poses()[interval.again :]
+        covariances = propagated_covariances(knot, interval.motion, self._imu, self._noise)
+        frames = list(zip(interval.stamps, interval.poses(), covariances, strict=True))
+        frames = frames[interval.again :]
         if knot.index == 0:
-            stamps, poses = [window.first_stamp, *stamps], [knot.state.pose(), *poses]
-        for stamp, pose in zip(stamps, poses, strict=True):
+            frames = [(window.first_stamp, knot.state.pose(), knot.covariance), *frames]
+        for stamp, pose, covariance in frames:
             live, velocity = self._live_by_stamp.pop(stamp, None), knot.state.velocity()
-            covariances = (
-                live.covariances
-                if live
-                else self._monitor.covariances(knot.covariances, pose, velocity)
-            )
             yield Estimate(
                 stamp=stamp,
                 world_T_body=pose,
                 velocity=velocity,
                 bias=knot.bias,
-                covariances=covariances,
+                covariances=self._monitor.covariances(blocks(covariance), pose, velocity),
                 lines=live.lines if live else 0,
                 status=live.status if live else otherwise,
                 at_knot=stamp == interval.stamps[-1],
@@ -107,4 +122,4 @@ class EstimateReporter:
     def lines(self, landmarks: Iterable[Landmark]) -> None:
         """Lines that left the window."""
         estimates = (landmark.estimate() for landmark in landmarks)
-        self._output.put(lines=[estimate for estimate in estimates if estimate is not None])
+        self._out.put(lines=[estimate for estimate in estimates if estimate is not None])

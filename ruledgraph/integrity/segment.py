@@ -71,10 +71,11 @@ class TrajectorySegment:
         """Whether the start holds: one in motion is on trial."""
         self.window = Window(calibration, config, start, stages.sensors.correction)
         self.monitor = IntegrityMonitor(calibration.body_T_cam, drift, stages.output.warnings)
+        imu, noise = stages.sensors.imu, calibration.imu_noise
         self._reporter = EstimateReporter(
-            stages.output, number, self.monitor, hold=not self.confirmed
+            stages.output, number, self.monitor, imu, noise, hold=not self.confirmed
         )
-        self._propagator = ImuPropagator(stages.sensors.imu, calibration.imu_noise)
+        self._propagator = ImuPropagator(imu, noise)
         self.state = self.window.newest.state
         """Of the latest frame."""
         self.ended = ended
@@ -178,8 +179,9 @@ class TrajectorySegment:
         """Hand out the live estimate of a frame in which so many lines of the graph were seen."""
         status = self._status(frame.time, lines)
         clock = self._stages.clock
+        covariance = self._propagator.covariance(self.window.newest, frame.time)
         estimate = self._reporter.live(
-            self.window, frame, self.state, status, lines, at_state, clock.offset
+            self.window, frame, self.state, covariance, status, lines, at_state, clock.offset
         )
         if not self.monitor.misfits:  # else it may be lost since then
             pose, velocity = estimate.world_T_body, estimate.velocity
@@ -206,6 +208,7 @@ class TrajectorySegment:
                 self._add_state(left)
             if window.intervals and window.newest.time > window.solved:
                 self._optimize()
+            window.read_smoothed_covariances()
         self._reporter.smoothed(window, list(window.intervals), self._stages.clock.offset)
         self._reporter.lines([*window.line_map.take_retired(), *window.lines.values()])
         self._reporter.release()
