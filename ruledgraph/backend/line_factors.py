@@ -46,9 +46,9 @@ def edge_noise(rows: int, weight: float, sigma: float, config: Config) -> noiseM
         config: says how robust.
     """
     noise: noiseModel.Base = noiseModel.Isotropic.Sigma(rows, sigma)
-    if config.window.robust > 0.0:
+    if config.lines.cauchy_scale_px > 0.0:
         # The whitened norm of a line that is off by `robust` px in every frame.
-        size = config.window.robust / config.edges.deviation
+        size = config.lines.cauchy_scale_px / config.edges.sigma_px
         size *= np.sqrt(weight)
         noise = noiseModel.Robust.Create(noiseModel.mEstimator.Cauchy.Create(size), noise)
     return noise

@@ -64,7 +64,7 @@ class LineMap:
         self._body_T_cam = calibration.body_T_cam
         self._config = config
         self._focal = calibration.camera.focal_length
-        self._sigma = config.edges.deviation / self._focal
+        self._sigma = config.edges.sigma_px / self._focal
         self._known = dict(known)
         self._keys_so_far = 0
 
@@ -88,7 +88,7 @@ class LineMap:
                 self._enter(track, intervals, now, update)
 
     def _is_mature(self, track: LineTrack, time: float) -> bool:
-        followed = time - track.first_time >= self._config.window.follow_first
+        followed = time - track.first_time >= self._config.tracks.min_track_age
         return track.id in self._known or (followed and track.in_view)
 
     def _observe(

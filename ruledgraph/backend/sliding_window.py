@@ -146,7 +146,7 @@ class Window:
         return OffsetLink(knot.index, knot.time, correction, value - correction, sigma)
 
     def _add_link(self, link: OffsetLink, before: OffsetLink | None) -> None:
-        walk = self._config.time_offset.walk
+        walk = self._config.time_offset.random_walk
         self._update.factors.add(link.tie(before, walk) if before else link.prior())
         self._update.values.insert(link.key, link.shift)
         self._update.times[link.key] = link.time
@@ -234,7 +234,7 @@ class Window:
                 self.line_map.reject_all()
             try:
                 self._smoother = self._fresh_smoother(careful=True)
-                walk = self._config.time_offset.walk
+                walk = self._config.time_offset.random_walk
                 update = rebuilt(self.knots, self.intervals, self.lines.values(), walk)
                 self._solve(update)
                 self.line_map.keep(update.times)

@@ -94,7 +94,7 @@ class TrajectorySegment:
 
     def is_state_due(self, time: float) -> bool:
         """Whether a frame at a time (s) gets a state."""
-        return time - self.window.newest.time >= self._config.window.knot_interval - EARLY
+        return time - self.window.newest.time >= self._config.window.state_interval - EARLY
 
     def detect_every(self, rate: float) -> float:
         """How often new lines are looked for, s, when it is `rate` in motion."""

@@ -9,10 +9,10 @@ import pytest
 
 import ruledgraph
 from ruledgraph.backend.sliding_window import Window
-from ruledgraph.core.config import load_config
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Gap, ImuSample, Measurement
+from ruledgraph.core.settings import load_config
 from ruledgraph.evaluation import alignment
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.integrity.segments import Trial, heading

@@ -17,7 +17,8 @@ from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.start import Start
 from ruledgraph.backend.states import Interval
 from ruledgraph.backend.triangulation import triangulate
-from ruledgraph.core.config import Config, load_config
+from ruledgraph.core.config import Config
+from ruledgraph.core.settings import load_config
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph_factors import CompressedPoints, preintegrate_frames
 from simulated_window import BODY_T_CAM, FOCAL_LENGTH, SplineMotion, hand_held
@@ -72,7 +73,9 @@ def test_the_newest_knot_follows_the_truth(seed):
 
 def test_intervals_leave_after_the_lag_with_all_their_frames():
     made = ideal_tracks(0, hand_held(np.random.default_rng(0)))
-    window, left = run_window(made, load_config(None, ["window.lag=1", "window.knot_interval=0.1"]))
+    window, left = run_window(
+        made, load_config(None, ["window.lag=1", "window.state_interval=0.1"])
+    )
     kept = [stamp for interval in window.intervals for stamp in interval.stamps]
     gone = [stamp for interval in left for stamp in interval.stamps]
     assert gone
@@ -176,7 +179,7 @@ def test_a_robust_loss_carries_a_line_that_slips():
                 if i > 40:
                     moved = seen.points + np.array([0.03, -0.03])
                     track.sightings[i] = sighting(seen.stamp, moved)
-        window, _ = run_window(made, load_config(None, [f"window.robust={robust}"]))
+        window, _ = run_window(made, load_config(None, [f"lines.cauchy_scale_px={robust}"]))
         knot = window.newest
         errors[robust] = error_of(knot.state.pose(), made.motion.pose(knot.time))
     assert errors["1"] < 0.01
@@ -385,7 +388,7 @@ def test_careful_steps_take_over_in_the_middle_of_a_rest(monkeypatch, solved):
 def test_an_indeterminate_system_is_solved_by_careful_steps_and_nothing_is_lost(monkeypatch):
     made = ideal_tracks(3, hand_held(np.random.default_rng(3)))
     config = load_config(
-        None, ["window.lag=0.6", "window.knot_interval=0.1", "start.window=0.5"]
+        None, ["window.lag=0.6", "window.state_interval=0.1", "start.window=0.5"]
     )  # so that there are marginals to take over
     plain, _ = run_window(made, config)
     solve, calls = FixedLagSmoother._solve, []

@@ -13,9 +13,9 @@ from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother, SmootherErro
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.start import Start
 from ruledgraph.calibration.sensors import Calibration
-from ruledgraph.core.config import load_config
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Gap, Measurement
+from ruledgraph.core.settings import load_config
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.evaluation import alignment
 from ruledgraph.imu.camera_clock import concern, followed
