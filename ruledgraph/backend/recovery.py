@@ -8,16 +8,14 @@ from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_factors import new_line_factors
 from ruledgraph.backend.states import Interval, Knot, add_priors
-
-# The first state is trusted this much less than it said.
-_INFLATION = 2.0
+from ruledgraph.core.config import Config
 
 
 def rebuilt(
     knots: Sequence[Knot],
     intervals: Sequence[Interval],
     lines: Iterable[Landmark],
-    clock_walk: float,
+    config: Config,
 ) -> GraphUpdate:
     """A window's states and those of its lines that were seen from them, with priors on the first
     state.
@@ -26,17 +24,18 @@ def rebuilt(
         knots: one more than intervals.
         intervals: between them.
         lines: that are to be kept.
-        clock_walk: of the time offset, where it is estimated: its deviation after a second, s.
+        config: all settings.
     """
     update = GraphUpdate()
     factors, values, times = update.factors, update.values, update.times
-    add_priors(factors, knots[0], _INFLATION)
+    inflation, random_walk = config.window.recovery_inflation, config.time_offset.random_walk
+    add_priors(factors, knots[0], inflation)
     for knot in knots:
         update.insert(knot)
     links = [interval.link for interval in intervals if interval.link is not None]
     for i, link in enumerate(links):
-        tie = link.tie(links[i - 1], clock_walk) if i else None
-        factors.add(tie or link.prior(_INFLATION))
+        tie = link.tie(links[i - 1], random_walk) if i else None
+        factors.add(tie or link.prior(inflation))
         values.insert(link.key, link.shift)
         times[link.key] = link.time
     kept = {id(line) for line in lines}
@@ -52,7 +51,7 @@ def rebuilt(
                 continue
             factors.add(seen.factor)
             if line.key not in times:
-                for factor in new_line_factors(interval.knot, seen):
+                for factor in new_line_factors(interval.knot, seen, config.lines):
                     factors.add(factor)
                 values.insert(line.key, line.delta)
                 times[line.key] = line.last_time

@@ -9,6 +9,7 @@ import gtsam
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import Interval
+from ruledgraph.core.config import LinesConfig
 from ruledgraph.core.estimates import Estimate, Status
 from ruledgraph.core.output import Output
 from ruledgraph.core.time_offset import TimeOffset
@@ -23,13 +24,22 @@ class EstimateReporter:
         output: where they go.
         segment: its number.
         monitor: of its integrity.
+        lines: says how far lines reach.
         hold: keep live estimates back until `release`.
     """
 
-    def __init__(self, output: Output, segment: int, monitor: IntegrityMonitor, hold: bool) -> None:
+    def __init__(
+        self,
+        output: Output,
+        segment: int,
+        monitor: IntegrityMonitor,
+        lines: LinesConfig,
+        hold: bool,
+    ) -> None:
         self._output = output
         self._segment = segment
         self._monitor = monitor
+        self._extent_outliers = lines.extent_outliers
         self._live_by_stamp: dict[int, Estimate] = {}
         self._held: list[Estimate] | None = [] if hold else None
 
@@ -106,5 +116,5 @@ class EstimateReporter:
 
     def lines(self, landmarks: Iterable[Landmark]) -> None:
         """Lines that left the window."""
-        estimates = (landmark.estimate() for landmark in landmarks)
+        estimates = (landmark.estimate(self._extent_outliers) for landmark in landmarks)
         self._output.put(lines=[estimate for estimate in estimates if estimate is not None])

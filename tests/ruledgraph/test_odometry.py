@@ -491,10 +491,10 @@ def test_lines_that_contradict_the_imu_are_told_and_doubted_or_given_up():
     assert all(e.status != "doubtful" for e in before)
 
 
-def test_a_lost_estimate_ends_its_segment_where_it_was_last_believed(monkeypatch):
-    monkeypatch.setattr("ruledgraph.integrity.monitor._LOST", 0.35)
+def test_a_lost_estimate_ends_its_segment_where_it_was_last_believed():
+    config = load_config(None, ["integrity.lost_misfit=0.35"])
     measurements, calibration = small_stream(seed=3)
-    odometry, live, smoothed = Odometry(calibration), [], []
+    odometry, live, smoothed = Odometry(calibration, config), [], []
     for measurement in mirrored(measurements, 2.5):
         odometry.add(measurement)
         live += odometry.take_live()

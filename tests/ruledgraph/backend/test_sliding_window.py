@@ -264,15 +264,16 @@ def _foot(ends: np.ndarray, anchor: gtsam.Pose3) -> np.ndarray:
     return offset - (offset @ direction) * direction
 
 
-def test_lines_that_moved_from_their_linearisation_get_new_variables(monkeypatch):
+def test_lines_that_moved_from_their_linearisation_get_new_variables():
     """All lines are re-anchored, again and again, and nothing of the estimate is lost."""
     made = ideal_tracks(1, hand_held(np.random.default_rng(1)))
-    config = load_config(None, ["window.lag=1"])
-    monkeypatch.setattr("ruledgraph.backend.line_map._MOVED", np.inf)
-    plain, _ = run_window(made, config)
+    never, often = (
+        load_config(None, ["window.lag=1", f"lines.reanchor_change={change}"])
+        for change in (1000, 1e-4)
+    )
+    plain, _ = run_window(made, never)
     assert all(line.key <= L(11) for line in plain.lines.values())
-    monkeypatch.setattr("ruledgraph.backend.line_map._MOVED", 1e-4)
-    window, _ = run_window(made, config)
+    window, _ = run_window(made, often)
     assert window.recoveries == []
     assert all(line.key > L(11) for line in window.lines.values())
     assert len(window.lines) == 12
@@ -387,9 +388,9 @@ def test_careful_steps_take_over_in_the_middle_of_a_rest(monkeypatch, solved):
 @takes_over
 def test_an_indeterminate_system_is_solved_by_careful_steps_and_nothing_is_lost(monkeypatch):
     made = ideal_tracks(3, hand_held(np.random.default_rng(3)))
-    config = load_config(
-        None, ["window.lag=0.6", "window.state_interval=0.1", "start.window=0.5"]
-    )  # so that there are marginals to take over
+    short = ["window.lag=0.6", "window.state_interval=0.1", "start.window=0.5"]
+    # So that there are marginals to take over, and that it is fast again soon.
+    config = load_config(None, [*short, "window.careful_updates=3"])
     plain, _ = run_window(made, config)
     solve, calls = FixedLagSmoother._solve, []
 
@@ -401,7 +402,6 @@ def test_an_indeterminate_system_is_solved_by_careful_steps_and_nothing_is_lost(
         return solved
 
     monkeypatch.setattr(FixedLagSmoother, "_solve", fails_once)
-    monkeypatch.setattr("ruledgraph.backend.fixed_lag_smoother._CAREFUL_UPDATES", 3)
     window, _ = run_window(made, config)
     assert calls[9:14] == [False, True, True, True, False]  # and fast again
     assert [text.count("Indeterminate") for text in window.recoveries] == [1]
