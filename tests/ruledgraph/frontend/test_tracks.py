@@ -94,9 +94,6 @@ def test_motion_of_the_image_is_that_across_lines_since_a_frame():
 def test_a_frame_counts_for_no_more_than_was_configured():
     edges = EdgesConfig(effective_points=12.0)
     tracker, gradient = Tracker(CAMERA, edges, TracksConfig()), scene(LEVEL)
-        Tracker(CAMERA, EdgesConfig(effective_points=12.0), TracksConfig()),
-        scene(LEVEL),
-    )
     assert started(tracker, gradient, LEVEL) == [1]
     tracker.follow(1, 0.05, gradient, where_they_are(tracker))
     first, second = tracker.tracks[0].sightings
