@@ -27,7 +27,7 @@ ALLOWED = {
         (
             "_SPACING",
             "_MOST_STATIONS",
-            "_FEWEST_POINTS",
+            "FEWEST_POINTS",
             "_LEAST_SLOPE",
             "_LEAST_SHARE",
             "_STRIPE",
@@ -35,7 +35,7 @@ ALLOWED = {
             "_INLIER",
             "_APART",
             "_AMBIGUOUS",
-            "_LEAST_SUPPORT",
+            "LEAST_SUPPORT",
         ),
         NATIVE,
     ),
@@ -57,7 +57,7 @@ ALLOWED = {
         "_ALONG_RAY": NUMERICS,
     },
     "frontend/sobel.py": dict.fromkeys(
-        ("_THRESHOLD", "_FEWEST_POINTS", "_LEAST_SUPPORT", "_SPACING"),
+        ("_THRESHOLD", "_SPACING"),
         "belongs to the paper's method, which is kept for comparison",
     ),
     "frontend/tracks.py": {"_UNBOUNDED": "stands for infinity: beyond any image"},
