@@ -6,6 +6,7 @@ import ast
 from pathlib import Path
 
 import ruledgraph
+from ruledgraph.core.config import Config
 
 ROOT = Path(ruledgraph.__file__).parent
 STAGES = ("frontend", "backend", "integrity", "imu")
@@ -106,3 +107,14 @@ def test_every_number_of_a_stage_is_a_setting_or_has_a_reason():
         if (numbers := numeric_constants(path))
     }
     assert found == {path: set(reasons) for path, reasons in ALLOWED.items()}
+
+
+def test_every_setting_is_used_by_some_stage():
+    sources = [p for p in sorted(ROOT.rglob("*.py")) if p.parent.name != "core"]
+    used = {
+        node.attr
+        for path in sources
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute)
+    }
+    assert [f"{name}.{key}" for name, part in Config() for key, _ in part if key not in used] == []
