@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from ruledgraph.calibration import read_calibration as read_calibration
     from ruledgraph.calibration.sensors import Calibration as Calibration
     from ruledgraph.core.config import Config as Config
-    from ruledgraph.core.config import load_config as load_config
     from ruledgraph.core.estimates import Estimate as Estimate
+    from ruledgraph.core.settings import load_config as load_config
     from ruledgraph.odometry import Odometry as Odometry
     from ruledgraph.odometry import smooth as smooth
     from ruledgraph.recording import open_recording as open_recording
@@ -28,7 +28,7 @@ _LAZY = {
     "Config": "core.config",
     "Estimate": "core.estimates",
     "Odometry": "odometry",
-    "load_config": "core.config",
+    "load_config": "core.settings",
     "open_recording": "recording",
     "read_calibration": "calibration",
     "smooth": "odometry",

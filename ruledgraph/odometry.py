@@ -23,9 +23,7 @@ from ruledgraph.integrity.rest import RestDetector
 from ruledgraph.integrity.segment import Stages, TrajectorySegment
 from ruledgraph.integrity.segments import Drift, Ended, Trial, continued
 
-# New lines are looked for this often at most, s.
-_DETECT_INTERVAL = 0.1
-# Measurements are kept this much longer than the window, s.
+# Measurements are kept this much longer than the window, s: more than a late frame needs.
 _SPARE = 0.5
 
 
@@ -41,11 +39,10 @@ class Odometry(Output):
         super().__init__()
         self.calibration = calibration
         self.config = config = config or Config()
-        sensors = Synchronizer(calibration, self.warnings)
-        front_end = FrontEnd(calibration.camera, config.edges, self.timings)
-        rest = RestDetector(sensors, front_end.image_motion)
-        sigma = config.time_offset.sigma if config.time_offset.estimate else 0.0
-        clock = CameraClock(sensors, calibration.time_offset, sigma, self.warnings)
+        sensors = Synchronizer(calibration, self.warnings, config.imu)
+        front_end = FrontEnd(calibration.camera, config.edges, config.tracks, self.timings)
+        rest = RestDetector(sensors, front_end.image_motion, config.rest)
+        clock = CameraClock(sensors, calibration.time_offset, config.time_offset, self.warnings)
         self._stages = Stages(sensors, front_end, rest, clock, self)
         self._starts = StartAttempts(calibration, config, sensors, front_end, rest, self.warnings)
         self._segment: TrajectorySegment | None = None
@@ -126,7 +123,7 @@ class Odometry(Output):
             return
         front_end.start_tracks()
         self._look_for_gap(now.time)
-        segment, rate = self._segment, _DETECT_INTERVAL
+        segment, rate = self._segment, self.config.tracks.detection_interval
         due = segment is not None and segment.is_state_due(now.time)
         if segment is not None:
             rate = segment.detect_every(rate)
@@ -177,7 +174,8 @@ class Odometry(Output):
             return False
         start, drift = first.start, Drift()
         if self.last_believed is not None:
-            start, drift = continued(start, self.last_believed)
+            start, drift = continued(start, self.last_believed, self.config.integrity)
+        self._trial = None
         number, self._segments = self._segments, self._segments + 1
         self._segment = TrajectorySegment(
             number,
@@ -189,7 +187,8 @@ class Odometry(Output):
             drift,
             self.last_believed,
         )
-        self._trial = None if self._segment.confirmed else Trial(start, now.time)
+        if not self._segment.confirmed:
+            self._trial = Trial(start, now.time, self.config.integrity)
         return True
 
     def _holds(self, segment: TrajectorySegment, now: FrameTime) -> bool:

@@ -25,10 +25,10 @@ import gtsam
 import numpy as np
 
 from ruledgraph.calibration.sensors import Calibration, FloatArray
-from ruledgraph.core.config import load_config
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.measurements import Frame, Measurement
+from ruledgraph.core.settings import load_config
 from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import accuracy, alignment, matched
 from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
@@ -40,7 +40,7 @@ from ruledgraph.simulation.options import simulation_from_options
 ABLATION = {
     "": (),
     "without bounded rulings": ("edges.bounded=false",),
-    "without robust loss": ("window.robust=0",),
+    "without robust loss": ("lines.cauchy_scale_px=0",),
     "Hough": ("edges.detector=hough",),
     "IMU only": ("edges.max_lines=2", "edges.min_length=9999"),
 }

@@ -15,14 +15,13 @@ import platform
 import time
 from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 from unittest import mock
 
 import numpy as np
 
-from ruledgraph.core.config import Config
+from ruledgraph.core.config import Config, EdgesConfig
 from ruledgraph.frontend.edge_batch import search_all
 from ruledgraph.odometry import Odometry
 from ruledgraph.simulation import Simulation, simulate
@@ -52,8 +51,7 @@ def timed(function: Callable[..., Any], into: list[float]) -> Callable[..., Any]
 
 def run(simulation: Simulation, most_lines: int) -> tuple[float, dict[str, float]]:
     """Lines followed in a frame on average, and ms of each stage."""
-    config = Config()
-    config = replace(config, edges=replace(config.edges, max_lines=most_lines))
+    config = Config(edges=EdgesConfig(max_lines=most_lines))
     odometry = Odometry(simulation.calibration, config)
     tracker, timings = odometry.tracker, odometry.timings
     searching: list[float] = []

@@ -22,7 +22,6 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from datetime import date
 from functools import partial
 from itertools import count
@@ -36,7 +35,7 @@ import numpy as np
 from benchmark_accuracy import REAL_SLICE, real_recording
 from ruledgraph.baselines.paper import PaperOdometry
 from ruledgraph.calibration.sensors import Calibration
-from ruledgraph.core.config import Config
+from ruledgraph.core.config import Config, EdgesConfig
 from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.core.versions import machine_text, version_text
 from ruledgraph.odometry import Odometry
@@ -117,8 +116,7 @@ def processor_time(
 
 def with_most_lines(most: int) -> Config:
     """The default settings but for the number of lines that are followed."""
-    config = Config()
-    return replace(config, edges=replace(config.edges, max_lines=most))
+    return Config(edges=EdgesConfig(max_lines=most))
 
 
 Row: TypeAlias = tuple[int, float, float]

@@ -24,9 +24,9 @@ import numpy as np
 
 import fault_scenes
 import faults
-from ruledgraph.core.config import load_config
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Measurement
+from ruledgraph.core.settings import load_config
 from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import accuracy
 from ruledgraph.odometry import Odometry

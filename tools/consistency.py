@@ -3,7 +3,7 @@
 """Consistency of the odometry: NEES over many short simulated runs, from rest and in motion.
 
     python tools/consistency.py --out consistency.jsonl
-    python tools/consistency.py --set edges.deviation=0.35
+    python tools/consistency.py --set edges.sigma_px=0.35
 
 Every run has its own motion, noise, biases and texture. NEES, e^T S^-1 e of the live states at all
 knots against the truth, is a degree of freedom's and should be 1 in the mean; where it lies below
@@ -26,9 +26,10 @@ from scipy.stats import beta, chi2
 
 from benchmark_accuracy import nees
 from ruledgraph.calibration.sensors import FloatArray
-from ruledgraph.core.config import Config, load_config
+from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.settings import load_config
 from ruledgraph.odometry import Odometry
 from ruledgraph.simulation import Simulation
 from ruledgraph.simulation.options import simulation_from_options

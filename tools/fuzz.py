@@ -28,9 +28,9 @@ from hypothesis import strategies as st
 
 import fuzz_seeds
 from ruledgraph.calibration import read_calibration
-from ruledgraph.core.config import load_config
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import Frame, Gap, ImuSample
+from ruledgraph.core.settings import load_config
 from ruledgraph.core.trajectory import read_tum
 from ruledgraph.diagnostics.info import inspect_recording
 from ruledgraph.evaluation.ground_truth import read_ground_truth

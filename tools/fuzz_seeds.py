@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from ruledgraph.calibration import write_kalibr
-from ruledgraph.core.config import Config, config_text
+from ruledgraph.core.config import Config
 from ruledgraph.core.measurements import Frame, ImuSample, Measurement
+from ruledgraph.core.settings import config_text
 from ruledgraph.recording import Kind, write_recording
 from ruledgraph.simulation import D435I
 

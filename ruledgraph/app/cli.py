@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from ruledgraph.app.options import calibration_options, recording_options
+from ruledgraph.app.settings_command import settings
 from ruledgraph.core.errors import RuledgraphError
 
 
@@ -49,6 +50,9 @@ def _print_version(context: click.Context, _option: click.Parameter, wanted: boo
 )
 def main() -> None:
     """Line-based visual-inertial odometry as a GTSAM backend."""
+
+
+main.add_command(settings)
 
 
 @main.command()

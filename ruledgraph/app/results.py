@@ -11,9 +11,10 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from ruledgraph.core.config import Config, config_text
+from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate, LineEstimate
+from ruledgraph.core.settings import config_text
 from ruledgraph.core.trajectory import TumWriter, seconds
 from ruledgraph_factors import STANDARD_GRAVITY
 

@@ -26,8 +26,8 @@ from rich.progress import (
 from ruledgraph.app.calibration_choice import calibration_for
 from ruledgraph.app.runner import Progress as RunProgress
 from ruledgraph.app.runner import Solver, Watch, run
-from ruledgraph.core.config import load_config
 from ruledgraph.core.measurements import Frame
+from ruledgraph.core.settings import load_config
 from ruledgraph.evaluation.ground_truth import read_ground_truth
 from ruledgraph.odometry import Odometry
 from ruledgraph.recording import Recording, open_recording

@@ -9,12 +9,8 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.config import WindowConfig
 from ruledgraph.core.errors import RuledgraphError
-
-# Estimates that move by less than this are not linearised anew (rad, m, m/s, ...).
-_RELINEARIZE = 1e-3
-# After so many updates without trouble the fast solver gets another try.
-_CAREFUL_UPDATES = 20
 
 
 class SmootherError(RuledgraphError):
@@ -29,14 +25,12 @@ class FixedLagSmoother:
     all that it knows, and back when that has gone well for a while.
 
     Args:
-        lag: s.
-        updates: of iSAM2 at most after the one that takes new factors in.
+        config: lag, updates and when variables are linearised anew.
         careful: begin with Dogleg and QR.
     """
 
-    def __init__(self, lag: float, updates: int, careful: bool = False) -> None:
-        self._lag = lag
-        self._updates = updates
+    def __init__(self, config: WindowConfig, careful: bool = False) -> None:
+        self._config = config
         self._times: dict[int, float] = {}
         self.trouble = ""
         """Why it last had to go over to careful steps."""
@@ -44,14 +38,14 @@ class FixedLagSmoother:
 
     def _begin(self, careful: bool) -> None:
         params = gtsam.ISAM2Params()
-        params.setRelinearizeThreshold(_RELINEARIZE)
+        params.setRelinearizeThreshold(self._config.relinearize)
         params.relinearizeSkip = 1
         params.findUnusedFactorSlots = True
         if careful:
             params.setOptimizationParams(gtsam.ISAM2DoglegParams())
             params.setFactorization("QR")
-        self._careful_for = _CAREFUL_UPDATES if careful else 0
-        self._smoother = gtsam.IncrementalFixedLagSmoother(self._lag, params)
+        self._careful_for = self._config.careful_updates if careful else 0
+        self._smoother = gtsam.IncrementalFixedLagSmoother(self._config.lag, params)
 
     @property
     def careful(self) -> bool:
@@ -108,7 +102,7 @@ class FixedLagSmoother:
         check: Callable[[gtsam.Values], bool],
     ) -> gtsam.Values:
         self._call(factors, values, times)
-        estimate, left = self._smoother.calculateEstimate(), self._updates
+        estimate, left = self._smoother.calculateEstimate(), self._config.updates
         while not check(estimate) and left > 0:
             # The pre-release of GTSAM 4.3 has no update without arguments.
             self._call(gtsam.NonlinearFactorGraph(), gtsam.Values(), {})

@@ -18,8 +18,8 @@ from ruledgraph_factors.so3 import hat
 # World coordinates (6,) and their derivative (6, 4).
 Plucker: TypeAlias = tuple[FloatArray, FloatArray]
 
-# Share of a line's sightings whose ends may lie beyond the reported ones, and how many are kept.
-_STRAY, _KEPT = 0.1, 200
+# How many of the latest sightings of a line's ends are kept, to bound the memory.
+_KEPT = 200
 # A direction shorter than this, of a unit Plucker pair, belongs to a line at infinity.
 _INFINITE = 1e-9
 # A ray is parallel to a line below this, the sine of their angle squared.
@@ -75,11 +75,13 @@ class Landmark:
         self._reach.append(reach)
         del self._reach[:-_KEPT]
 
-    def estimate(self) -> LineEstimate | None:
-        """End points as far as the line was seen; None without a finite line."""
+    def estimate(self, outliers: float) -> LineEstimate | None:
+        """End points as far as the line was seen, but for a share of `outliers`; None without a
+        finite line.
+        """
         if not self._reach:
             return None
-        extent = np.diagonal(np.quantile(self._reach, [_STRAY, 1.0 - _STRAY], axis=0))
+        extent = np.diagonal(np.quantile(self._reach, [outliers, 1.0 - outliers], axis=0))
         try:
             ends, jacobian = self.chart.end_points(self.delta, extent)
         except FactorError:

@@ -13,7 +13,7 @@ from gtsam.symbol_shorthand import B, V, X
 
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.states import Interval, Knot, LineObservation
-from ruledgraph.core.config import Config
+from ruledgraph.core.config import LinesConfig
 from ruledgraph.core.line_observations import Sighting
 from ruledgraph_factors import (
     NEW_LINE_SIGMAS,
@@ -25,31 +25,25 @@ from ruledgraph_factors import (
     ruled_surface_factor_with_time_offset,
 )
 
-# A new line's plane is good to this, rad: it was seen, and not long ago.
-_NEW_PLANE = 0.05
-# How far away a line is, m, and by what factor that may be wrong.
-_DISTANCE, _DISTANCE_FACTOR = 3.0, 4.0
-
 
 def compressed_points(sightings: Sequence[Sighting]) -> CompressedPoints:
     """The points of several frames, for a factor."""
     return CompressedPoints(np.array([sighting.statistics for sighting in sightings]))
 
 
-def edge_noise(rows: int, weight: float, sigma: float, config: Config) -> noiseModel.Base:
+def edge_noise(rows: int, weight: float, sigma: float, cauchy_scale: float) -> noiseModel.Base:
     """Noise of a line's edge points in an interval.
 
     Args:
         rows: of the factor.
         weight: points that count.
         sigma: of one of them, normalised units.
-        config: says how robust.
+        cauchy_scale: offset of the whole line in every frame, normalised units; 0: not robust.
     """
     noise: noiseModel.Base = noiseModel.Isotropic.Sigma(rows, sigma)
-    if config.window.robust > 0.0:
-        # The whitened norm of a line that is off by `robust` px in every frame.
-        size = config.window.robust / config.edges.deviation
-        size *= np.sqrt(weight)
+    if cauchy_scale > 0.0:
+        # The whitened norm of a line that is off by so much in every frame.
+        size = cauchy_scale / sigma * np.sqrt(weight)
         noise = noiseModel.Robust.Create(noiseModel.mEstimator.Cauchy.Create(size), noise)
     return noise
 
@@ -61,11 +55,11 @@ def observation(
     sightings: Sequence[Sighting],
     body_T_cam: gtsam.Pose3,
     sigma: float,
-    config: Config,
+    cauchy_scale: float,
 ) -> LineObservation:
     """The factor of a line over the frames `index` of an interval, in which it was sighted."""
     compressed = compressed_points(sightings)
-    noise = edge_noise(compressed.rows, compressed.weight, sigma, config)
+    noise = edge_noise(compressed.rows, compressed.weight, sigma, cauchy_scale)
     k = interval.knot.index
     is_whole = len(index) == len(interval.stamps)
     motion = interval.motion if is_whole else interval.motion.select(list(index))
@@ -78,7 +72,9 @@ def observation(
     return LineObservation(line, factor, compressed, (index[-1], sightings[-1].points))
 
 
-def new_line_factors(knot: Knot, seen: LineObservation) -> tuple[gtsam.NonlinearFactor, ...]:
+def new_line_factors(
+    knot: Knot, seen: LineObservation, config: LinesConfig
+) -> tuple[gtsam.NonlinearFactor, ...]:
     """What is known of a line before it is looked at from two places, by its first observation.
 
     It is all said of the line as seen from that knot. Priors in the world's frame would do as well
@@ -87,13 +83,14 @@ def new_line_factors(knot: Knot, seen: LineObservation) -> tuple[gtsam.Nonlinear
     """
     line, spec, points = seen.line, seen.factor.spec, seen.points
     wide = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
-    factor = noiseModel.Isotropic.Sigma(1, math.log(_DISTANCE_FACTOR))
+    factor = noiseModel.Isotropic.Sigma(1, math.log(config.prior_distance_factor))
     # The robust loss gives up points that are far off, and one bad step would carry the line away
     # for good: its points once more, loose and without that loss.
-    loose = noiseModel.Isotropic.Sigma(points.rows, _NEW_PLANE * math.sqrt(points.weight))
+    sigma = config.new_plane_sigma * math.sqrt(points.weight)
+    loose = noiseModel.Isotropic.Sigma(points.rows, sigma)
     pose_key, pose = spec.keys[0], knot.state.pose()
     return (
         new_line_factor(wide, pose_key, line.key, line.chart, pose),
-        line_distance_factor(factor, pose_key, line.key, line.chart, _DISTANCE),
+        line_distance_factor(factor, pose_key, line.key, line.chart, config.prior_distance),
         RuledSurfaceFactor(replace(spec, noise_model=loose)),
     )

@@ -26,18 +26,8 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph_factors import FactorError, LineChart, same_line_factor
 
-# A line that misses its points by so much (px, root mean square) in so many knots in a row goes;
-# one that does so at once does not enter.
-_BAD_MISFIT, _BAD_KNOTS, _NEW_MISFIT = 2.0, 2, 1.5
-_FEWEST_SIGHTINGS = 3
-# Closer to its first camera than this a line is taken for an error, 1/m.
-_NEAREST_INVERSE = 20.0
-# A line this far (rad) from where its factors are linearised gets a new variable.
-_MOVED = 0.1
-# What is known of a new line until the smoother says it.
-_NEW_LINE = np.diag([0.1, 0.1, 2.5e-4, 2.5e-4])
-# Lines whose covariance is computed anew at a knot; each takes as long as ten factors.
-_COVARIANCES = 4
+# So little behind the camera, 1/m, a line is as good as at infinity.
+_AT_INFINITY = 0.01
 
 
 class LineMap:
@@ -62,9 +52,11 @@ class LineMap:
         self.rejected: set[int] = set()
         """Ids of lines whose tracks are no use, until someone takes them."""
         self._body_T_cam = calibration.body_T_cam
-        self._config = config
+        self._config = config.lines
+        self._min_track_age = config.tracks.min_track_age
         self._focal = calibration.camera.focal_length
-        self._sigma = config.edges.deviation / self._focal
+        self._sigma = config.edges.sigma_px / self._focal
+        self._cauchy_scale = config.lines.cauchy_scale_px / self._focal
         self._known = dict(known)
         self._keys_so_far = 0
 
@@ -88,7 +80,7 @@ class LineMap:
                 self._enter(track, intervals, now, update)
 
     def _is_mature(self, track: LineTrack, time: float) -> bool:
-        followed = time - track.first_time >= self._config.window.follow_first
+        followed = time - track.first_time >= self._min_track_age
         return track.id in self._known or (followed and track.in_view)
 
     def _observe(
@@ -104,7 +96,7 @@ class LineMap:
         if not index:
             return
         seen = observation(
-            interval, line, index, sightings, self._body_T_cam, self._sigma, self._config
+            interval, line, index, sightings, self._body_T_cam, self._sigma, self._cauchy_scale
         )
         interval.observations.append(seen)
         update.factors.add(seen.factor)
@@ -124,6 +116,7 @@ class LineMap:
         if known is None:
             return
         chart, delta = known
+        unseen, in_plane = self._config.new_unseen_variance, self._config.new_seen_variance
         line = Landmark(
             id=track.id,
             key=self._new_key(),
@@ -131,7 +124,7 @@ class LineMap:
             delta=delta,
             in_view=track.in_view,
             linearized=delta,
-            covariance=_NEW_LINE,
+            covariance=np.diag(np.repeat([unseen, in_plane], 2)),
             first_stamp=seen[0][0].stamps[seen[0][1][0]],
             last_stamp=0,
             last_time=now,
@@ -140,13 +133,13 @@ class LineMap:
         update.values.insert(line.key, delta)
         for interval, index, sightings in seen:
             self._observe(interval, line, index, sightings, now, update)
-        for factor in new_line_factors(seen[0][0].knot, seen[0][0].observations[-1]):
+        for factor in new_line_factors(seen[0][0].knot, seen[0][0].observations[-1], self._config):
             update.factors.add(factor)
 
     def _triangulated(
         self, track: LineTrack, seen: Sequence[tuple[Interval, list[int], list[Sighting]]]
     ) -> tuple[LineChart, FloatArray] | None:
-        if sum(len(index) for _, index, _ in seen) < _FEWEST_SIGHTINGS:
+        if sum(len(index) for _, index, _ in seen) < self._config.min_sightings:
             return None
         cameras: list[gtsam.Pose3] = []
         for interval, index, _ in seen:
@@ -155,9 +148,10 @@ class LineMap:
         sightings = [sighting for _, _, part in seen for sighting in part]
         points = compressed_points(sightings)
         fit = triangulate(cameras, points, sightings[0].points, self._sigma)
-        if fit is None or fit.misfit * self._focal > _NEW_MISFIT:
+        if fit is None or fit.misfit * self._focal > self._config.max_new_misfit_px:
             return None
-        if fit.inverse < -2.0 * fit.inverse_sigma or fit.inverse > _NEAREST_INVERSE:
+        behind = fit.inverse < -self._config.behind_sigmas * fit.inverse_sigma
+        if behind or fit.inverse > 1.0 / self._config.min_distance:
             self.rejected.add(track.id)
             return None
         return fit.chart, np.zeros(4)
@@ -171,7 +165,10 @@ class LineMap:
     def reanchor(self, update: GraphUpdate) -> None:
         """Give lines a new variable that have moved far from where the smoother holds them."""
         for line in self.lines.values():
-            if line.fixed and np.abs(line.delta - line.linearized).max() > _MOVED:
+            if (
+                line.fixed
+                and np.abs(line.delta - line.linearized).max() > self._config.reanchor_change
+            ):
                 self._reanchor(line, update)
 
     def _reanchor(self, line: Landmark, update: GraphUpdate) -> None:
@@ -211,7 +208,7 @@ class LineMap:
         old one errs on the safe side.
         """
         stalest = sorted(self.lines.values(), key=lambda line: line.covariance_time)
-        for line in stalest[:_COVARIANCES]:
+        for line in stalest[: self._config.covariances_per_state]:
             covariance = smoother.covariance(line.key)
             line.covariance_time = now
             if covariance is not None:
@@ -234,12 +231,12 @@ class LineMap:
             off = math.sqrt(float(value @ value) / weight) * self._focal
             offset = points.mean_distance(value) * math.sqrt(weight) / self._sigma
             interval.offsets.append(offset)
-            misses = off > _BAD_MISFIT
+            misses = off > self._config.max_misfit_px
             interval.misfits += misses
             inverse, sigma = line.inverse_distance()
-            bad = misses or inverse < -2.0 * sigma - 0.01
+            bad = misses or inverse < -self._config.behind_sigmas * sigma - _AT_INFINITY
             line.bad_knots = line.bad_knots + 1 if bad else 0
-            if line.bad_knots >= _BAD_KNOTS:
+            if line.bad_knots >= self._config.max_bad_states:
                 self.rejected.add(line.id)
                 del self.lines[line.id]
             elif not bad:

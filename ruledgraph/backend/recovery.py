@@ -8,13 +8,14 @@ from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_factors import new_line_factors
 from ruledgraph.backend.states import Interval, Knot, joint_prior
+from ruledgraph.core.config import Config
 
 
 def rebuilt(
     knots: Sequence[Knot],
     intervals: Sequence[Interval],
     lines: Iterable[Landmark],
-    clock_walk: float,
+    config: Config,
 ) -> GraphUpdate:
     """A window's states and those of its lines that were seen from them, with priors on the first
     state.
@@ -23,16 +24,17 @@ def rebuilt(
         knots: one more than intervals.
         intervals: between them.
         lines: that are to be kept.
-        clock_walk: of the time offset, where it is estimated: its deviation after a second, s.
+        config: all settings.
     """
     update = GraphUpdate()
     factors, values, times = update.factors, update.values, update.times
+    random_walk = config.time_offset.random_walk
     factors.add(joint_prior(knots[0]))
     for knot in knots:
         update.insert(knot)
     links = [interval.link for interval in intervals if interval.link is not None]
     for i, link in enumerate(links):
-        tie = link.tie(links[i - 1], clock_walk) if i else None
+        tie = link.tie(links[i - 1], random_walk) if i else None
         factors.add(tie or link.prior())
         values.insert(link.key, link.shift)
         times[link.key] = link.time
@@ -49,7 +51,7 @@ def rebuilt(
                 continue
             factors.add(seen.factor)
             if line.key not in times:
-                for factor in new_line_factors(interval.knot, seen):
+                for factor in new_line_factors(interval.knot, seen, config.lines):
                     factors.add(factor)
                 values.insert(line.key, line.delta)
                 times[line.key] = line.last_time

@@ -11,11 +11,7 @@ from gtsam import noiseModel
 from gtsam.symbol_shorthand import V, X
 
 from ruledgraph.backend.states import Interval
-
-# The velocity (m/s) of a knot that lies so long (s) before the end of a rest: later ones may have
-# begun to move. How far it may be from the first knot of the rest (rad, m).
-_STILL_VELOCITY, _MID_REST = 0.005, 0.15
-_STILL_POSE = 3e-3
+from ruledgraph.core.config import RestConfig
 
 
 def resting(intervals: Sequence[Interval]) -> list[Interval]:
@@ -23,19 +19,21 @@ def resting(intervals: Sequence[Interval]) -> list[Interval]:
     return list(takewhile(lambda interval: interval.still, reversed(intervals)))
 
 
-def rest_factors(intervals: Sequence[Interval], now: float) -> list[gtsam.NonlinearFactor]:
+def rest_factors(
+    intervals: Sequence[Interval], now: float, config: RestConfig
+) -> list[gtsam.NonlinearFactor]:
     """What a rest says that goes on until the newest knot, at time `now`, of the knot in its
     middle: no velocity, and no motion since its first knot. The knot's interval keeps them.
     """
     rest = resting(intervals)
-    middle = next((part for part in rest if part.knot.time <= now - _MID_REST), None)
+    middle = next((part for part in rest if part.knot.time <= now - config.settle_time), None)
     if middle is None:
         return []
     first, k = rest[-1].knot.index, middle.knot.index
-    slow = noiseModel.Isotropic.Sigma(3, _STILL_VELOCITY)
+    slow = noiseModel.Isotropic.Sigma(3, config.velocity_sigma)
     factors: list[gtsam.NonlinearFactor] = [gtsam.PriorFactorVector(V(k), np.zeros(3), slow)]
     if k > first:
-        near = noiseModel.Isotropic.Sigma(6, _STILL_POSE)
+        near = noiseModel.Isotropic.Sigma(6, config.pose_sigma)
         factors.append(gtsam.BetweenFactorPose3(X(first), X(k), gtsam.Pose3(), near))
     middle.imu_factors += factors
     return factors

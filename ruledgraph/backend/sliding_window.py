@@ -26,13 +26,6 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack
 from ruledgraph.imu.buffer import ImuBuffer
 
-# An estimate that departs from the IMU's prediction by more has diverged (m, m/s); by more than
-# this, it may have moved beyond where its factors are linear.
-_JUMP, _VELOCITY_JUMP = 1.0, 3.0
-_STEP, _VELOCITY_STEP = 0.003, 0.010
-# Beyond these the estimate has run away: m/s, and biases in rad/s and m/s^2.
-_FASTEST, _WORST_GYROSCOPE, _WORST_ACCELEROMETER = 50.0, 0.5, 3.0
-
 
 class Window:
     """Fixed-lag smoothing over states and lines.
@@ -71,7 +64,7 @@ class Window:
         self._update.insert(first)
 
     def _fresh_smoother(self, careful: bool = False) -> FixedLagSmoother:
-        return FixedLagSmoother(self._config.window.lag, self._config.window.updates, careful)
+        return FixedLagSmoother(self._config.window, careful)
 
     @property
     def newest(self) -> Knot:
@@ -91,12 +84,7 @@ class Window:
 
     def is_plausible(self) -> bool:
         """Whether the newest state can be one of a carried or flown camera and its IMU."""
-        knot = self.newest
-        return not self._broken and bool(
-            np.linalg.norm(knot.state.velocity()) < _FASTEST
-            and np.linalg.norm(knot.bias.gyroscope()) < _WORST_GYROSCOPE
-            and np.linalg.norm(knot.bias.accelerometer()) < _WORST_ACCELEROMETER
-        )
+        return not self._broken and self.newest.keeps(self._config.integrity)
 
     # -- growing ---------------------------------------------------------------------------------
 
@@ -135,7 +123,7 @@ class Window:
         self.intervals.append(interval)
         self.knots.append(new)
         self._update.insert(new)
-        for factor in rest_factors(self.intervals, new.time):
+        for factor in rest_factors(self.intervals, new.time, self._config.rest):
             self._update.factors.add(factor)
         self.line_map.observe(tracks, self.intervals, new.time, self._update)
 
@@ -147,8 +135,9 @@ class Window:
         return OffsetLink(knot.index, knot.time, correction, value - correction, sigma)
 
     def _add_link(self, link: OffsetLink, before: OffsetLink | None) -> None:
-        walk = self._config.time_offset.walk
-        self._update.factors.add(link.tie(before, walk) if before else link.prior())
+        random_walk = self._config.time_offset.random_walk
+        factor = link.tie(before, random_walk) if before else link.prior()
+        self._update.factors.add(factor)
         self._update.values.insert(link.key, link.shift)
         self._update.times[link.key] = link.time
 
@@ -210,9 +199,10 @@ class Window:
         position, velocity = estimate.atPose3(X(k)).translation(), estimate.atVector(V(k))
         jump = float(np.linalg.norm(position - predicted.position()))
         change = float(np.linalg.norm(velocity - predicted.velocity()))
-        if not (jump < _JUMP and change < _VELOCITY_JUMP):
+        limits = self._config.window
+        if not (jump < limits.jump_position and change < limits.jump_velocity):
             raise SmootherError(f"the estimate jumped by {jump:.2g} m, {change:.2g} m/s")
-        return jump < _STEP and change < _VELOCITY_STEP
+        return jump < limits.step_position and change < limits.step_velocity
 
     def _read_covariances(self) -> None:
         self._read_covariance(self.newest)
@@ -244,8 +234,8 @@ class Window:
                 self.line_map.reject_all()
             try:
                 self._smoother = self._fresh_smoother(careful=True)
-                walk = self._config.time_offset.walk
-                update = rebuilt(self.knots, self.intervals, self.lines.values(), walk)
+                lines = self.lines.values()
+                update = rebuilt(self.knots, self.intervals, lines, self._config)
                 self._solve(update)
                 self.line_map.keep(update.times)
                 return

@@ -14,6 +14,7 @@ from gtsam.symbol_shorthand import B, V, X
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.time_offset import OffsetLink
 from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Covariances, blocks
 from ruledgraph.core.line_observations import Sighting
 from ruledgraph_factors import (
@@ -43,6 +44,14 @@ class Knot:
     def covariances(self) -> Covariances:
         """Of pose (6, 6), velocity (3, 3) and bias (6, 6)."""
         return blocks(self.covariance)
+
+    def keeps(self, limits: IntegrityConfig, share: float = 1.0) -> bool:
+        """Whether velocity and biases are within a share of what they can be."""
+        return bool(
+            np.linalg.norm(self.state.velocity()) < share * limits.max_speed
+            and np.linalg.norm(self.bias.gyroscope()) < share * limits.max_gyroscope_bias
+            and np.linalg.norm(self.bias.accelerometer()) < share * limits.max_accelerometer_bias
+        )
 
 
 class LineObservation(NamedTuple):

@@ -8,7 +8,7 @@ taken. It stays near zero, where the line factors, of first order in it, are exa
 variable would not, as the smoother does not linearise one anew whose neighbours have left the
 window. Corrections differ from interval to interval, the offset hardly does:
 
-    correction_k + T(k) = correction_{k-1} + T(k-1) + n,    n ~ N(0, walk^2 (t_k - t_{k-1})).
+    correction_k + T(k) = correction_{k-1} + T(k-1) + n,    n ~ N(0, random_walk^2 (t_k - t_{k-1})).
 """
 
 from dataclasses import dataclass
@@ -51,8 +51,8 @@ class OffsetLink:
         noise = noiseModel.Isotropic.Sigma(1, self.sigma)
         return gtsam.PriorFactorDouble(self.key, self.shift, noise)
 
-    def tie(self, before: "OffsetLink", walk: float) -> gtsam.NonlinearFactor:
-        """See the head of this file; `walk` in s/sqrt(s)."""
-        noise = noiseModel.Isotropic.Sigma(1, walk * float(np.sqrt(self.time - before.time)))
+    def tie(self, before: "OffsetLink", random_walk: float) -> gtsam.NonlinearFactor:
+        """See the head of this file; `random_walk` in s/sqrt(s)."""
+        noise = noiseModel.Isotropic.Sigma(1, random_walk * float(np.sqrt(self.time - before.time)))
         change = before.correction - self.correction
         return gtsam.BetweenFactorDouble(before.key, self.key, change, noise)

@@ -21,10 +21,11 @@ from ruledgraph_factors import (
 from ruledgraph_factors.line_fit import fit_line
 from ruledgraph_factors.ruled_surface import State
 
-# Where to start from: inverse distances, 1/m, and turns inside the viewing plane, rad.
+# Where the search for the minimum starts: inverse distances, 1/m, and turns inside the viewing
+# plane, rad.
 _INVERSE_DISTANCES = (0.05, 0.25, 0.7, 1.6)
 _TURNS = (-0.7, 0.0, 0.7)
-_BEST_STARTS = 2
+_BEST_STARTS = 2  # that are followed to the end
 # Keeps the two directions that one image does not show finite; the others are seen. Information
 # of delta.
 _PRIOR = np.array([1.0, 1.0, 1e-4, 1e-4])

@@ -1,206 +1,262 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""All settings, their defaults, and reading them: command line before file before default."""
+"""All settings: every number that shapes an estimate, with its unit, range and meaning.
 
-import dataclasses
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+A section belongs to a stage, which gets that section alone. `settings.py` reads and writes them.
+"""
 
-from ruledgraph.core.errors import RuledgraphError
-from ruledgraph.core.plain_yaml import Node, read_yaml
+from pydantic import model_validator
+from typing_extensions import Self
 
-
-class ConfigError(RuledgraphError):
-    """A setting that does not exist or a value it cannot take."""
+from ruledgraph.core.image_config import EdgesConfig as EdgesConfig
+from ruledgraph.core.image_config import TracksConfig as TracksConfig
+from ruledgraph.core.section import Section, number
 
 
-@dataclass(frozen=True)
-class EdgesConfig:
-    """Edge points and lines in the image."""
+class LinesConfig(Section):
+    """The life of a line in the graph."""
 
-    detector: Literal["lsd", "hough"] = "lsd"
-    """Where new lines come from: OpenCV's line segment detector or the paper's Hough transform."""
-    points: Literal["maxima", "sobel"] = "maxima"
-    """Edge points: maxima of the slope across a ruling, or the paper's thresholded Sobel pixels."""
-    gate: float = 3.0
-    """The paper's tau: how far from its predicted ruling a Sobel pixel may lie, px."""
-    max_lines: int = 24
-    """Lines followed at a time."""
-    min_length: float = 40.0
-    """Shortest segment that starts a line, px."""
-    deviation: float = 0.5
-    """Standard deviation of an edge point, px."""
-    effective_points: float = 20.0
-    """The most points of that deviation a line's edge in one frame counts for."""
-    bounded: bool = True
-    """Whether a line is searched only where it was seen; the paper's rulings are unbounded."""
-
-    def __post_init__(self) -> None:
-        _require(0.5 <= self.gate <= 50.0, "gate: must lie in 0.5 to 50 px")
-        _require(2 <= self.max_lines <= 200, "max_lines: must lie in 2 to 200")
-        _require(20.0 <= self.min_length < 1e4, "min_length: must lie in 20 to 10,000 px")
-        _require(0.01 <= self.deviation <= 20.0, "deviation: must lie in 0.01 to 20 px")
-        _require(1.0 <= self.effective_points <= 1e4, "effective_points: must lie in 1 to 10,000")
-
-
-@dataclass(frozen=True)
-class WindowConfig:
-    """Knots, lag and loss of the fixed-lag smoother."""
-
-    knot_interval: float = 0.2
-    """Time between states, s."""
-    lag: float = 1.55
-    """s; the paper's 140 frames at 90 fps."""
-    robust: float = 1.0
-    """Cauchy constant, as an offset of the whole line in px; 0 for a quadratic loss."""
-    follow_first: float = 0.15
-    """How long a line is followed before it enters the graph, s."""
-    updates: int = 1
-    """Further iSAM2 updates at most, at knots that are not where the IMU predicted them."""
-
-    def __post_init__(self) -> None:
-        _require(0.01 <= self.knot_interval <= 1.0, "knot_interval: must lie in 0.01 to 1 s")
-        _require(0.04 <= self.lag <= 60.0, "lag: must lie in 0.04 to 60 s")
-        _require(0.0 <= self.robust <= 100.0, "robust: must lie in 0 to 100 px")
-        _require(0.0 <= self.follow_first < 60.0, "follow_first: must lie in 0 to 60 s")
-        _require(0 <= self.updates <= 20, "updates: must lie in 0 to 20")
+    cauchy_scale_px: float = number(1.0, "px", 0.0, 100.0)
+    """Scale of the Cauchy loss: offset of the whole line in every frame; 0: quadratic loss."""
+    min_sightings: int = number(3, "", 2, 100)
+    """Frames that must have seen a line before it is triangulated."""
+    max_new_misfit_px: float = number(1.5, "px", 0.01, 100.0)
+    """A triangulated line that misses its points by more (root mean square) does not enter."""
+    max_misfit_px: float = number(2.0, "px", 0.01, 100.0)
+    """A line that misses its newest points by more (root mean square) does not fit."""
+    max_bad_states: int = number(2, "", 1, 100)
+    """A line that does not fit at so many states in a row is rejected."""
+    min_distance: float = number(0.05, "m", 1e-3, 10.0)
+    """Nearer to its first camera a new line is taken for an error."""
+    behind_sigmas: float = number(2.0, "", 0.0, 100.0)
+    """A line whose inverse distance is so many standard deviations below zero is rejected."""
+    reanchor_change: float = number(0.1, "", 1e-6, 1e3)
+    """A line moved so far (chart coordinates, rad) from its linearisation gets a new variable."""
+    new_unseen_variance: float = number(0.1, "rad^2", 1e-6, 100.0)
+    """Variance of a new line's inverse distance and turn until the smoother says it."""
+    new_seen_variance: float = number(2.5e-4, "rad^2", 1e-9, 1.0)
+    """Variance of a new line's interpretation plane until the smoother says it."""
+    new_plane_sigma: float = number(0.05, "rad", 1e-4, 1.0)
+    """Deviation of a new line's points in the loose factor that holds its plane."""
+    prior_distance: float = number(3.0, "m", 0.01, 1e4)
+    """Median distance of a new line from the camera, before it is seen from two places."""
+    prior_distance_factor: float = number(4.0, "", 1.01, 1e3)
+    """By what factor that may be wrong, one standard deviation."""
+    covariances_per_state: int = number(4, "", 1, 200)
+    """Lines whose covariance is computed anew at a state; each takes as long as ten factors."""
+    extent_outliers: float = number(0.1, "", 0.0, 0.49)
+    """Share of a line's sightings whose ends may lie beyond the reported ones."""
 
 
-@dataclass(frozen=True)
-class StartConfig:
+class WindowConfig(Section):
+    """States, lag and solution of the fixed-lag smoother."""
+
+    state_interval: float = number(0.2, "s", 0.01, 1.0)
+    """Time between states."""
+    lag: float = number(1.55, "s", 0.04, 60.0)
+    """Length of the window; the paper's 140 frames at 90 fps."""
+    updates: int = number(1, "", 0, 20)
+    """Further iSAM2 updates at most, at states that are not where the IMU predicted them."""
+    step_position: float = number(0.003, "m", 0.0, 10.0)
+    """A state further from the IMU's prediction gets such an update ..."""
+    step_velocity: float = number(0.010, "m/s", 0.0, 10.0)
+    """... or one whose velocity departs by more."""
+    jump_position: float = number(1.0, "m", 0.001, 1e3)
+    """A state further from the IMU's prediction shows that the smoother has diverged ..."""
+    jump_velocity: float = number(3.0, "m/s", 0.001, 1e3)
+    """... as does a velocity that departs by more."""
+    relinearize: float = number(1e-3, "", 0.0, 1.0)
+    """Estimates that move by less (rad, m, m/s, ...) are not linearised anew."""
+    careful_updates: int = number(20, "", 1, 10_000)
+    """Updates by Dogleg steps with QR after trouble, before the fast solver gets another try."""
+
+
+class StartConfig(Section):
     """Start at rest or in motion."""
 
-    window: float = 1.0
-    """Length of the first window of a start in motion, s."""
-    gyroscope_bias: float = 0.1
-    """Standard deviation before the start, rad/s."""
-    accelerometer_bias: float = 0.1
-    """The same, m/s^2."""
-
-    def __post_init__(self) -> None:
-        _require(0.4 <= self.window <= 10.0, "window: must lie in 0.4 to 10 s")
-        _require(1e-4 <= self.gyroscope_bias <= 1.0, "gyroscope_bias: must lie in 1e-4 to 1 rad/s")
-        _require(
-            1e-3 <= self.accelerometer_bias <= 5.0,
-            "accelerometer_bias: must lie in 1e-3 to 5 m/s^2",
-        )
+    window: float = number(1.0, "s", 0.4, 10.0)
+    """Length of the first window of a start in motion."""
+    gyroscope_bias: float = number(0.1, "rad/s", 1e-4, 1.0)
+    """Standard deviation of the gyroscope's bias before the start."""
+    accelerometer_bias: float = number(0.1, "m/s^2", 1e-3, 5.0)
+    """Standard deviation of the accelerometer's bias before the start."""
 
 
-@dataclass(frozen=True)
-class TimeOffsetConfig:
+class TimeOffsetConfig(Section):
     """The time offset between camera and IMU."""
 
     estimate: bool = False
     """Whether it is estimated while running; otherwise the calibration's stands."""
-    sigma: float = 0.01
-    """Standard deviation of the calibration's, s."""
-    walk: float = 1e-4
-    """How fast it changes: standard deviation after one second, s."""
+    sigma: float = number(0.01, "s", 1e-5, 0.1)
+    """Standard deviation of the calibration's."""
+    random_walk: float = number(1e-4, "s", 1e-6, 0.01)
+    """How fast it changes: standard deviation after one second."""
+    max_step: float = number(2e-3, "s", 1e-5, 0.1)
+    """The frames' times follow the estimate by this much a state at most: they stay in order."""
+    settled_sigma: float = number(1e-3, "s", 1e-6, 0.1)
+    """An offset is settled when its deviation is below this ..."""
+    settled_change: float = number(5e-4, "s", 1e-6, 0.1)
+    """... and the frames' times are no further from it."""
+    warn_offset: float = number(3e-3, "s", 1e-6, 1.0)
+    """A settled offset that far from the calibration's is worth a warning."""
 
-    def __post_init__(self) -> None:
-        _require(1e-5 <= self.sigma <= 0.1, "sigma: must lie in 1e-5 to 0.1 s")
-        _require(1e-6 <= self.walk <= 0.01, "walk: must lie in 1e-6 to 0.01 s")
+
+class IntegrityConfig(Section):
+    """How far estimates may be believed, and when a segment ends."""
+
+    max_speed: float = number(50.0, "m/s", 0.1, 1e3)
+    """A faster estimate has run away."""
+    max_gyroscope_bias: float = number(0.5, "rad/s", 1e-3, 10.0)
+    """An estimate with a larger bias has run away."""
+    max_accelerometer_bias: float = number(3.0, "m/s^2", 1e-2, 100.0)
+    """An estimate with a larger bias has run away."""
+    trial_time: float = number(0.7, "s", 0.0, 60.0)
+    """How long a start in motion is on trial."""
+    trial_share: float = number(0.5, "", 0.01, 1.0)
+    """Share of the three limits that a start on trial must keep."""
+    trial_min_stay: float = number(0.5, "", 0.0, 1.0)
+    """Share of its lines that must stay in the graph on trial."""
+    span: float = number(1.01, "s", 0.05, 60.0)
+    """Time that is judged: a little over five intervals, so that rounding drops none."""
+    min_intervals: int = number(5, "", 2, 1000)
+    """Fewest intervals between states that are judged."""
+    min_observations: int = number(10, "", 1, 10_000)
+    """Fewest lines compared with their points, of which a share that does not fit is told."""
+    usual_error: float = number(3.0, "", 0.1, 1e3)
+    """Twice the mean error of the IMU factors beyond which covariances grow."""
+    error_exponent: float = number(1.5, "", 0.0, 10.0)
+    """Power of that error that covariances grow with: 1 were the contradiction white noise."""
+    max_error: float = number(45.0, "", 0.1, 1e6)
+    """Error from which images and IMU disagree: a focal length off by 3 % gives 90."""
+    agreed_error: float = number(20.0, "", 0.1, 1e6)
+    """Error below which they agree again."""
+    fade_time: float = number(5.0, "s", 0.01, 1e3)
+    """Time constant with which inflated covariances shrink again."""
+    usual_misfit: float = number(0.1, "", 0.001, 1.0)
+    """Share of lines that do not fit, beyond which covariances grow; flights reach 0.12."""
+    max_misfit: float = number(0.3, "", 0.001, 1.0)
+    """Share from which lines and estimate disagree; blurred flights reach 0.28."""
+    agreed_misfit: float = number(0.2, "", 0.001, 1.0)
+    """Share below which they agree again."""
+    lost_misfit: float = number(0.5, "", 0.001, 1.0)
+    """Share beyond which the estimate is lost at once ..."""
+    lost_time: float = number(1.0, "s", 0.0, 60.0)
+    """... or when lines and estimate have disagreed for so long."""
+    min_moving_intervals: int = number(3, "", 1, 1000)
+    """Fewest intervals in motion from which the scale of the lines' offsets is computed."""
+    min_offsets: int = number(20, "", 2, 10_000)
+    """Fewest offsets of lines from which that is computed."""
+    min_covariance_share: float = number(0.65, "", 0.01, 1.0)
+    """Least share of the window's covariances, where lines fit better than expected."""
+    min_lines: int = number(2, "", 1, 100)
+    """With fewer lines in view the IMU alone carries the estimate ..."""
+    lines_missing_time: float = number(0.3, "s", 0.0, 60.0)
+    """... when it is so for longer than this."""
+    parallel_spread: float = number(0.02, "", 0.0, 1.0)
+    """Lines are parallel when less than this share of their squared directions is across one."""
+    parallel_time: float = number(1.0, "s", 0.0, 60.0)
+    """How long lines are parallel before the motion along them counts as unknown."""
+    gap_velocity_time: float = number(0.5, "s", 0.01, 60.0)
+    """Time constant with which a velocity is forgotten between two segments."""
+    gap_acceleration: float = number(1.0, "m/s^2", 0.0, 100.0)
+    """Standard deviation of the acceleration in a gap between two segments."""
+    gap_turn_rate: float = number(0.3, "rad/s", 0.0, 10.0)
+    """Standard deviation of the turn about the vertical in such a gap."""
 
 
-@dataclass(frozen=True)
-class Config:
+class RestConfig(Section):
+    """When body and image rest, and what is concluded from it."""
+
+    duration: float = number(0.4, "s", 0.05, 10.0)
+    """How long rest must last."""
+    gyroscope_sigma: float = number(0.02, "rad/s", 1e-5, 1.0)
+    """The gyroscope's largest standard deviation at rest."""
+    accelerometer_sigma: float = number(0.25, "m/s^2", 1e-4, 10.0)
+    """The accelerometer's largest standard deviation at rest."""
+    image_motion_px: float = number(0.4, "px", 0.0, 10.0)
+    """Lines move across themselves by less at rest, their median."""
+    min_lines: int = number(3, "", 1, 100)
+    """Fewer lines say nothing of whether the image moves."""
+    velocity_sigma: float = number(0.005, "m/s", 1e-6, 1.0)
+    """Standard deviation of the velocity of a state at rest."""
+    pose_sigma: float = number(3e-3, "rad, m", 1e-6, 1.0)
+    """Standard deviation of the motion since the first state of a rest."""
+    settle_time: float = number(0.15, "s", 0.0, 10.0)
+    """States closer to the end of a rest get no such factors: they may have begun to move."""
+    solve_interval: float = number(0.8, "s", 0.01, 60.0)
+    """At rest the window is solved, and new lines are looked for, this often ..."""
+    unmoved_px: float = number(0.2, "px", 0.0, 10.0)
+    """... while the image has moved less than this since."""
+    slide_warning: float = number(0.03, "m", 0.0, 10.0)
+    """An estimate that moves so far at rest is worth a warning."""
+
+
+class ImuConfig(Section):
+    """Outages, spikes and the range of the IMU."""
+
+    max_sample_interval: float = number(0.05, "s", 1e-3, 1.0)
+    """A longer stretch without a new reading is a hole."""
+    max_hole: float = number(0.12, "s", 1e-3, 10.0)
+    """After a longer hole lines are no longer where they are expected."""
+    unsure_time: float = number(1.0, "s", 0.0, 60.0)
+    """How long after such a hole or a clipped reading estimates are called doubtful."""
+    hole_rate_sigma: float = number(0.5, "rad/s", 0.0, 100.0)
+    """Standard deviation of the rate within a long hole from the line between its ends."""
+    hole_force_sigma: float = number(1.5, "m/s^2", 0.0, 1e3)
+    """The same of the specific force."""
+    long_hole: float = number(0.2, "s", 1e-3, 10.0)
+    """Where that is reached; in a shorter hole it is less by the square of its length."""
+    hang_repeats: int = number(4, "", 1, 1000)
+    """A reading repeated so often, to the last bit, is that of an IMU that hangs."""
+    spike_rate: float = number(0.2, "rad/s", 0.0, 100.0)
+    """A spike's rate is further from the reading before than this ..."""
+    spike_force: float = number(2.0, "m/s^2", 0.0, 1e3)
+    """... or its specific force further than this ..."""
+    spike_factor: float = number(4.0, "", 1.0, 100.0)
+    """... and than so many times the largest recent change; hard landings stay below 3."""
+    spike_return: float = number(0.3, "", 0.0, 1.0)
+    """The reading after a spike is back to less than this share of its jump."""
+    spike_memory: float = number(0.25, "s", 1e-3, 60.0)
+    """Time constant with which the largest recent change is forgotten."""
+    spike_watch_time: float = number(0.1, "s", 0.0, 60.0)
+    """How long changes are watched before anything is taken for a spike."""
+    range_touches: int = number(5, "", 2, 1000)
+    """An axis that reads its farthest value, to the last bit, so often ends there ..."""
+    range_span: float = number(0.3, "s", 0.01, 60.0)
+    """... within so long ..."""
+    range_steps: float = number(20.0, "", 1.0, 1e4)
+    """... if it came from further off than so many of its smallest steps."""
+    range_open_share: float = number(0.5, "", 0.0, 10.0)
+    """Standard deviation of a clipped reading, as a share of the range's end."""
+    range_join_time: float = number(0.03, "s", 0.0, 1.0)
+    """Clipped readings no further apart are one stretch."""
+
+
+class Config(Section):
     """Everything."""
 
-    edges: EdgesConfig = field(default_factory=EdgesConfig)
-    window: WindowConfig = field(default_factory=WindowConfig)
-    start: StartConfig = field(default_factory=StartConfig)
-    time_offset: TimeOffsetConfig = field(default_factory=TimeOffsetConfig)
+    edges: EdgesConfig = EdgesConfig()
+    tracks: TracksConfig = TracksConfig()
+    lines: LinesConfig = LinesConfig()
+    window: WindowConfig = WindowConfig()
+    start: StartConfig = StartConfig()
+    time_offset: TimeOffsetConfig = TimeOffsetConfig()
+    integrity: IntegrityConfig = IntegrityConfig()
+    rest: RestConfig = RestConfig()
+    imu: ImuConfig = ImuConfig()
 
-    def __post_init__(self) -> None:
-        _require(
-            4.0 * self.window.knot_interval <= self.window.lag,
-            "window.lag must hold 4 times window.knot_interval: change both, or neither",
-        )
-        _require(
-            self.window.follow_first < self.window.lag,
-            "window.follow_first must be less than window.lag: change both, or neither",
-        )
-        _require(
-            self.start.window <= self.window.lag,
-            "start.window must not exceed window.lag: change both, or neither",
-        )
-
-
-def load_config(path: Path | None = None, settings: Iterable[str] = ()) -> Config:
-    """The defaults, changed by a YAML file and then by `section.key=value` settings.
-
-    Raises:
-        ConfigError: names the file or setting, and the keys there are.
-        YamlError: for a file that is no YAML.
-    """
-    parts = {name: getattr(Config(), name) for name in _names(Config())}
-    if path is not None:
-        document = read_yaml(path)
-        if not isinstance(document, dict):
-            raise ConfigError(f"{path}: not a mapping of sections")
-        for section, values in document.items():
-            if not isinstance(values, dict):
-                raise ConfigError(f"{path}: {section}: not a mapping of settings")
-            for key, value in values.items():
-                _change(parts, f"{path}: ", section, key, value)
-    for setting in settings:
-        name, equals, value = setting.partition("=")
-        section, dot, key = name.strip().partition(".")
-        if not (equals and dot):
-            raise ConfigError(f"--set {setting}: write section.key=value, such as window.lag=2")
-        _change(parts, "--set ", section, key, value.strip())
-    return Config(**parts)
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        lag = self.window.lag
+        for fits, wrong in (
+            (4.0 * self.window.state_interval <= lag, "hold 4 times window.state_interval"),
+            (self.tracks.min_track_age < lag, "exceed tracks.min_track_age"),
+            (self.start.window <= lag, "be no less than start.window"),
+        ):
+            if not fits:
+                raise ValueError(f"window.lag must {wrong}: change both, or neither")
+        return self
 
 
-def config_text(config: Config) -> str:
-    """The settings as YAML that `load_config` reads back to the same."""
-    lines = []
-    for section, values in dataclasses.asdict(config).items():
-        lines.append(f"{section}:")
-        lines += [f"  {key}: {_text(value)}" for key, value in values.items()]
-    return "\n".join(lines) + "\n"
-
-
-def _text(value: Any) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _change(parts: dict[str, Any], where: str, section: str, key: str, value: Node) -> None:
-    part = parts.get(section)
-    if part is None:
-        raise ConfigError(f"{where}no section {section!r}; there are {', '.join(parts)}")
-    if key not in _names(part):
-        raise ConfigError(f"{where}no setting {section}.{key}; there are {', '.join(_names(part))}")
-    converted = _converted(f"{where}{section}.{key}", get_type_hints(type(part))[key], value)
-    try:
-        parts[section] = dataclasses.replace(part, **{key: converted})
-    except ConfigError as error:
-        raise ConfigError(f"{where}{section}.{error}") from None
-
-
-def _names(part: Any) -> list[str]:
-    return [f.name for f in dataclasses.fields(part)]
-
-
-_BOOLEANS: Mapping[str, bool] = {"true": True, "false": False}
-
-
-def _converted(name: str, kind: Any, value: Node) -> Any:
-    if not isinstance(value, str):
-        raise ConfigError(f"{name}: a single value is wanted")
-    if get_origin(kind) is Literal:
-        if value not in get_args(kind):
-            raise ConfigError(f"{name}: {value!r} is none of {', '.join(get_args(kind))}")
-        return value
-    try:
-        return _BOOLEANS[value.lower()] if kind is bool else kind(value)
-    except (ValueError, KeyError):
-        wanted = {bool: "true or false", int: "a whole number"}.get(kind, "a number")
-        raise ConfigError(f"{name}: {value!r} is not {wanted}") from None
-
-
-def _require(condition: bool, message: str) -> None:
-    if not condition:
-        raise ConfigError(message)
+DEFAULTS = Config()
+"""For what is used without settings of its own."""

@@ -12,6 +12,9 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+STAMP_JITTER = 4_000_000
+"""ns; frames that come so much before their time are on time: well below a frame at 90 Hz."""
+
 MAX_IMU_GAP = 500_000_000
 """ns; across a longer silence of the IMU its samples are neither interpolated nor integrated."""
 

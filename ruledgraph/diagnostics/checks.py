@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruledgraph.calibration.sensors import Calibration, CameraModel, FloatArray, ImuNoise
+from ruledgraph.core.config import DEFAULTS
 from ruledgraph.core.measurements import Frame, ImuSample
 
 _GRAVITY = 9.81
@@ -24,8 +25,9 @@ _LOSS, _MOST_LOST = 1.6, 0.02
 _REGULAR = 0.25
 # Readings in a row that are the same to the last bit, or at the largest value of their axis.
 _HANGS, _SATURATES = 8, 4
-# A body rests where these vary by less over so many seconds (rad/s, m/s^2).
-_REST, _STILL_GYROSCOPE, _STILL_ACCELEROMETER = 1.0, 0.02, 0.25
+# A body rests where rates and specific forces vary by less over so many seconds (rad/s, m/s^2).
+_REST = 1.0
+_STILL = np.repeat([DEFAULTS.rest.gyroscope_sigma, DEFAULTS.rest.accelerometer_sigma], 3)
 _START = 0.4
 # m/s^2; what gravity may be off by at rest.
 _GRAVITY_ERROR = 0.3
@@ -180,7 +182,7 @@ def _motion(times: FloatArray, imu: FloatArray, noise: ImuNoise | None) -> Itera
     else:
         yield Finding(True, f"it moves: the specific force changes by up to {moving:.3g} m/s^2")
     begin = times < times[0] + _START
-    if np.all(imu[begin].std(axis=0) < np.repeat([_STILL_GYROSCOPE, _STILL_ACCELEROMETER], 3)):
+    if np.all(imu[begin].std(axis=0) < _STILL):
         yield Finding(True, "it starts at rest")
     else:
         yield Finding(
@@ -200,11 +202,10 @@ def _motion(times: FloatArray, imu: FloatArray, noise: ImuNoise | None) -> Itera
 def rests(times: FloatArray, imu: FloatArray) -> NDArray[np.bool_]:
     """Which samples lie in a stretch of rest, (N,)."""
     resting = np.zeros(len(times), dtype=bool)
-    limits = np.repeat([_STILL_GYROSCOPE, _STILL_ACCELEROMETER], 3)
     edges = np.searchsorted(times, np.arange(times[0], times[-1], _REST))
     for first, last in itertools.pairwise(edges.tolist()):
         # A gap shows no rest.
-        if last - first > 10 and np.all(imu[first:last].std(axis=0) < limits):
+        if last - first > 10 and np.all(imu[first:last].std(axis=0) < _STILL):
             resting[first:last] = True
     return resting
 

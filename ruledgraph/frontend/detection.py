@@ -7,14 +7,14 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
 
 from ruledgraph.calibration.sensors import FloatArray
-from ruledgraph.core.measurements import Frame
+from ruledgraph.core.measurements import STAMP_JITTER, Frame
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.line_detection import Detector
 from ruledgraph.frontend.prefetch import PrefetchCache
 from ruledgraph.frontend.tracks import Tracker
 
-# A frame may come this much before its turn, ns. No more frames than this are searched ahead.
-_EARLY, _MOST_PREFETCHED = 4_000_000, 8
+# No more frames than this are searched ahead, to bound the memory.
+_MOST_PREFETCHED = 8
 
 
 class _Rhythm(NamedTuple):
@@ -71,7 +71,8 @@ class Detection:
         if rhythm is None or rhythm.interval <= 0 or self._prefetched.full:
             return
         turns, turns_before = (
-            (stamp - rhythm.last + _EARLY) // rhythm.interval for stamp in (frame.stamp, before)
+            (stamp - rhythm.last + STAMP_JITTER) // rhythm.interval
+            for stamp in (frame.stamp, before)
         )
         if turns > max(turns_before, 0):
             self._prefetched.put(frame, self._submitted(frame))

@@ -18,10 +18,14 @@ from numpy.typing import NDArray
 from ruledgraph.calibration.sensors import CameraModel, FloatArray
 from ruledgraph.frontend.gradient import Gradient
 
+FEWEST_POINTS = 8
+"""Fewer edge points are no line."""
+LEAST_SUPPORT = 0.35
+"""Share of the stations inside the image that must have a point."""
+# These and the following are repeated in the native kernel.
 # Distance between stations along the ruling, px, and the most stations.
 _SPACING = 3.0
 _MOST_STATIONS = 80
-_FEWEST_POINTS = 8
 # Smallest slope across an edge, grey levels per pixel, and how much weaker than the line usually
 # is a point may be.
 _LEAST_SLOPE = 1.5
@@ -36,8 +40,6 @@ _INLIER = 0.7
 # A second line this far from the winner, px, with this share of its votes, makes it ambiguous.
 _APART = 3.0
 _AMBIGUOUS = 0.85
-# Share of the stations inside the image that must have a point.
-_LEAST_SUPPORT = 0.35
 
 
 class Ruling(NamedTuple):
@@ -99,14 +101,14 @@ def search(
     ends, normal = ruling.ends, normal_of(ruling.ends)
     border = camera.distort(ends)
     length = float(np.linalg.norm(border.pixels[1] - border.pixels[0]))
-    if not (_SPACING * _FEWEST_POINTS < length < 4.0 * (camera.width + camera.height)):
+    if not (_SPACING * FEWEST_POINTS < length < 4.0 * (camera.width + camera.height)):
         return None
     count = int(min(length * (1.0 + 2.0 * beyond) / _SPACING, _MOST_STATIONS)) + 1
     along = np.linspace(-beyond, 1.0 + beyond, count)
     stations = ends[0] + along[:, None] * (ends[1] - ends[0])
     distorted = camera.distort(stations)
     usable = gradient.inside(distorted.pixels)
-    if usable.sum() < _FEWEST_POINTS:
+    if usable.sum() < FEWEST_POINTS:
         return None
     along, stations = along[usable], stations[usable]
     pixels, J = distorted.pixels[usable], distorted.jacobian[usable]
@@ -128,12 +130,12 @@ def search(
     place = along[station]
     near = np.abs(offset) <= 3.0 * (sigma[0] + (sigma[1] - sigma[0]) * place) + 1.0
     station, offset, height, place = station[near], offset[near], height[near], place[near]
-    if len(station) < _FEWEST_POINTS:
+    if len(station) < FEWEST_POINTS:
         return None
 
     line, ambiguous = _vote(place, offset, sigma)
     chosen = _inliers(station, place, offset, line)
-    if len(chosen) < max(_FEWEST_POINTS, _LEAST_SUPPORT * len(along)):
+    if len(chosen) < max(FEWEST_POINTS, LEAST_SUPPORT * len(along)):
         return None
     station, offset, place = station[chosen], offset[chosen], place[chosen]
     found = camera.undistort(pixels[station] + offset[:, None] * across[station], stations[station])
@@ -211,7 +213,7 @@ def _inliers(
         first[1:] = station[order][1:] != station[order][:-1]
         chosen = order[first]
         chosen = chosen[residual[chosen] < tolerance]
-        if len(chosen) < _FEWEST_POINTS or np.ptp(s[chosen]) < 0.2:
+        if len(chosen) < FEWEST_POINTS or np.ptp(s[chosen]) < 0.2:
             return chosen[:0]
         a, b = fit_line(s[chosen], offset[chosen])
     return np.asarray(chosen)

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 from ruledgraph.calibration.sensors import CameraModel
-from ruledgraph.core.config import EdgesConfig
+from ruledgraph.core.config import EdgesConfig, TracksConfig
 from ruledgraph.core.line_observations import LinePrediction, LineTrack
 from ruledgraph.core.measurements import Frame
 from ruledgraph.core.timing import Timings
@@ -36,11 +36,13 @@ class FrontEnd:
     have done so, `drop_lost`.
     """
 
-    def __init__(self, camera: CameraModel, config: EdgesConfig, timings: Timings) -> None:
-        self.tracker = Tracker(camera, config)
+    def __init__(
+        self, camera: CameraModel, edges: EdgesConfig, tracks: TracksConfig, timings: Timings
+    ) -> None:
+        self.tracker = Tracker(camera, edges, tracks)
         self._focal = camera.focal_length
         self._timings = timings
-        self._detection = Detection(self.tracker, DETECTORS[config.detector])
+        self._detection = Detection(self.tracker, DETECTORS[edges.detector])
         self._gradients = PrefetchCache[Gradient](_MOST_GRADIENTS)
 
     def prefetch(self, frame: Frame) -> None:
@@ -84,9 +86,9 @@ class FrontEnd:
         """The tracks as of the last frame."""
         return self.tracker.observed()
 
-    def image_motion(self, since: int) -> float:
+    def image_motion(self, since: int, min_lines: int) -> float:
         """See `Tracker.image_motion`."""
-        return self.tracker.image_motion(since)
+        return self.tracker.image_motion(since, min_lines)
 
     def mark_lost(self, ids: Collection[int]) -> None:
         """Follow these tracks no longer."""

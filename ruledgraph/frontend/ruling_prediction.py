@@ -19,8 +19,8 @@ from ruledgraph.frontend.edge_search import normal_of
 from ruledgraph.frontend.tracks import Track
 from ruledgraph_factors.so3 import hat
 
-# Deviation of a predicted ruling that the motion's uncertainty leaves, px, and the most.
-_MOTION_SIGMA, _MOST_SIGMA = 1.2, 8.0
+# The most that a predicted ruling's deviation may be, px: the search's time grows with it.
+_MOST_SIGMA = 8.0
 # Below this depth a point is too close to the camera to be told from one behind it, m.
 _NEAREST = 0.05
 # The image of a line whose moment is shorter passes through everything: it goes through the camera.
@@ -109,12 +109,17 @@ def by_estimate(
         by_delta=np.array([line.plucker_by_delta for line in lines]),
         covariances=np.array([line.covariance for line in lines]),
         seen=np.array([track.ends for track in tracks]),
-        floors=np.array([_MOTION_SIGMA * 1.5**track.misses for track in tracks]),
+        floors=np.array([_floor(track) for track in tracks]),
     )
     poses = world_T_before.matrix(), world_T_cam.matrix()
     place = kernel.native.predict_all if kernel.is_native() else predict_in_numpy
     ends, sigmas = place(*known, *poses, otherwise.ends, otherwise.sigmas, focal)
     return Rulings(ends.reshape(-1, 2, 2), sigmas, otherwise.slopes)
+
+
+def _floor(track: Track) -> float:
+    """What the motion's uncertainty leaves, px; more with every frame that missed the line."""
+    return track.config.motion_sigma_px * track.config.sigma_growth**track.misses
 
 
 class _Known(NamedTuple):

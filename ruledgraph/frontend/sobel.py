@@ -12,11 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruledgraph.calibration.sensors import CameraModel, FloatArray
-from ruledgraph.frontend.edge_search import EdgePoints, Ruling, fit_line
+from ruledgraph.frontend.edge_search import (
+    FEWEST_POINTS,
+    LEAST_SUPPORT,
+    EdgePoints,
+    Ruling,
+    fit_line,
+)
 
 # Of the 3x3 Sobel kernel, whose slope is eight times the grey levels per pixel.
 _THRESHOLD = 25.0
-_FEWEST_POINTS, _LEAST_SUPPORT = 8, 0.35
 # Of a grid along the ruling, px: every pixel near it is the nearest to some node.
 _SPACING = 0.7
 
@@ -41,7 +46,7 @@ def search_sobel(
     """
     along_px = camera.distort(ruling.ends).pixels
     length = float(np.linalg.norm(along_px[1] - along_px[0]))
-    if not (_FEWEST_POINTS <= length < 4.0 * (camera.width + camera.height)):
+    if not (FEWEST_POINTS <= length < 4.0 * (camera.width + camera.height)):
         return None
     places = np.linspace(0.0, 1.0, int(length / _SPACING) + 1)
     stations = ruling.ends[0] + places[:, None] * (ruling.ends[1] - ruling.ends[0])
@@ -67,7 +72,7 @@ def search_sobel(
     pixels, station, offsets = pixels[order], station[order], offsets[order]
     seen, middles = _mean_by_station(station, offsets)
     support = len(seen) / len(places)
-    if len(seen) < _FEWEST_POINTS or support < _LEAST_SUPPORT:
+    if len(seen) < FEWEST_POINTS or support < LEAST_SUPPORT:
         return None
     points = camera.undistort(pixels.astype(np.float64), stations[station])
     if not np.isfinite(points).all():

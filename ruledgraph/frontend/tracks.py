@@ -15,31 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruledgraph.calibration.sensors import CameraModel, FloatArray
-from ruledgraph.core.config import EdgesConfig
+from ruledgraph.core.config import DEFAULTS, EdgesConfig, TracksConfig
 from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph.frontend.edge_batch import Edges, Rulings, clipped, search_all, stacked
 from ruledgraph.frontend.edge_search import normal_of
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.sobel import search_sobel, sobel_points
 
-# Deviation of a prediction across the ruling, px: of a fresh track, at least, at most.
-_FRESH_SIGMA, _LEAST_SIGMA, _MOST_SIGMA = 4.0, 1.2, 6.0
-# A track that was not found in so many frames or for so long (s) is lost.
-_MOST_MISSES, _LONGEST_MISS = 3, 0.12
-# How far past its ends a line is searched, as a share of its length, so that it can grow.
-_BEYOND = 0.06
-# Points this far off a straight line (root mean square, px) are not one line's; thresholded pixels
-# take in parts of neighbouring edges.
-_STRAIGHT = {"maxima": 0.45, "sobel": 1.2}
-# Two lines closer than this all along, px, and within 8 degrees are one.
-_TWIN = 5.0
-_PARALLEL = 0.99
-# A segment shorter than this is lost, px.
-_SHORTEST = 25.0
-# Share of its stations at which a new line must have a point.
-_FULL = 0.6
-# Fewer lines say nothing of whether the image moves.
-_FEWEST_MOVING = 3
+# How far past its ends an unbounded line is searched, as a share of its length: across any image.
+_UNBOUNDED = 10.0
 
 
 @dataclass(eq=False)
@@ -56,35 +40,39 @@ class Track:
     sightings: deque[Sighting] = field(default_factory=deque)
     rates: tuple[float, float] = (0.0, 0.0)
     """Motion across itself beside the rotation's, at both ends, px/s."""
-    sigma: float = _FRESH_SIGMA
+    sigma: float = DEFAULTS.tracks.fresh_sigma_px
+    """Of the prediction across the ruling, px."""
     misses: int = 0
     last_seen: float = 0.0
+    config: TracksConfig = DEFAULTS.tracks
 
     @property
     def lost(self) -> bool:
         """Whether it has not been found for too long."""
-        return self.misses > _MOST_MISSES
+        return self.misses > self.config.max_misses
 
     def miss(self, time: float) -> None:
         """Take note that it was not found, s."""
         self.misses += 1
-        if time - self.last_seen > _LONGEST_MISS:
-            self.misses = max(self.misses, _MOST_MISSES)
-        self.sigma = min(1.5 * self.sigma, _MOST_SIGMA)
+        if time - self.last_seen > self.config.max_miss_time:
+            self.misses = max(self.misses, self.config.max_misses)
+        self.sigma = min(self.config.sigma_growth * self.sigma, self.config.max_sigma_px)
 
     def mark_lost(self) -> None:
         """Follow it no longer."""
-        self.misses = _MOST_MISSES + 1
+        self.misses = self.config.max_misses + 1
 
 
 class Tracker:
     """Follows tracks through frames and starts new ones."""
 
-    def __init__(self, camera: CameraModel, config: EdgesConfig) -> None:
+    def __init__(self, camera: CameraModel, edges: EdgesConfig, config: TracksConfig) -> None:
         self.tracks: list[Track] = []
         self._camera = camera
+        self._edges = edges
         self._config = config
-        self._straight = _STRAIGHT[config.points]
+        max_rms = {"maxima": config.max_rms_px, "sobel": config.max_rms_sobel_px}
+        self._max_rms = max_rms[edges.points]
         self._next = 0
         corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
         rim = np.concatenate([corners, [[0.5, 0.0], [0.5, 1.0], [0.0, 0.5], [1.0, 0.5]]])
@@ -99,7 +87,7 @@ class Tracker:
         """
         ends, in_view = clipped(rulings.ends, self._low, self._high)
         edges = self._search(gradient, rulings._replace(ends=ends).part(in_view))
-        good = (edges.counts > 0) & ~edges.ambiguous & (edges.deviation <= self._straight)
+        good = (edges.counts > 0) & ~edges.ambiguous & (edges.deviation <= self._max_rms)
         found = in_view.copy()
         found[in_view] = good
         seen = []
@@ -120,16 +108,16 @@ class Tracker:
         return seen
 
     def _search(self, gradient: Gradient, rulings: Rulings) -> Edges:
-        if self._config.points == "sobel":
-            edges, gate = sobel_points(gradient.image), self._config.gate
+        if self._edges.points == "sobel":
+            edges, gate = sobel_points(gradient.image), self._edges.gate
             found = [search_sobel(edges, self._camera, each, gate) for each in rulings.one_by_one()]
             return stacked(rulings, found)
-        beyond = _BEYOND if self._config.bounded else 10.0
+        beyond = self._config.search_beyond if self._edges.bounded else _UNBOUNDED
         return search_all(gradient, self._camera, rulings, beyond)
 
     def _sight(self, stamp: int, tracks: Sequence[Track], edges: Edges) -> None:
         # As `CompressedPoints.from_frames` caps what a frame counts for.
-        share = np.minimum(1.0, self._config.effective_points / edges.counts)
+        share = np.minimum(1.0, self._edges.effective_points / edges.counts)
         statistics = np.sqrt(share)[:, None, None] * edges.statistics
         for i, (track, points) in enumerate(zip(tracks, edges.points_of_each(), strict=True)):
             track.sightings.append(Sighting(stamp, points, statistics[i]))
@@ -139,15 +127,17 @@ class Tracker:
         along = edges.ends[:, 1] - edges.ends[:, 0]
         lengths = np.hypot(along[:, 0], along[:, 1]) * self._camera.focal_length
         rows = edges.ends, edges.lines.tolist(), edges.slopes.tolist(), lengths.tolist()
+        config = self._config
         for track, ends, (a, b), slope, length in zip(tracks, *rows, strict=True):
-            gain = (0.7 if track.misses == 0 else 0.3) / max(time - track.last_seen, 1e-3)
+            gain = config.rate_gain if track.misses == 0 else config.rate_gain_after_miss
+            gain /= max(time - track.last_seen, 1e-3)
             first, second = track.rates
             track.rates = first + gain * a, second + gain * (a + b)
             track.ends = ends
-            track.sigma = max(_LEAST_SIGMA + 0.8, 0.7 * track.sigma)
-            track.slope = 0.8 * track.slope + 0.2 * slope
+            track.sigma = max(config.min_sigma_px, config.sigma_decay * track.sigma)
+            track.slope = (1.0 - config.slope_gain) * track.slope + config.slope_gain * slope
             track.misses, track.last_seen = 0, time
-            if length < _SHORTEST:
+            if length < config.min_length_px:
                 track.mark_lost()
 
     def observed(self) -> list[LineTrack]:
@@ -185,9 +175,9 @@ class Tracker:
         twins = self._twins(*segments, *segments)
         self.tracks = [tracks[i] for i in _first_of_twins(twins)]
 
-    def image_motion(self, since: int) -> float:
-        """Median distance that lines moved across themselves since a frame, px; inf if too few
-        were seen in it and now.
+    def image_motion(self, since: int, min_lines: int = 1) -> float:
+        """Median distance that lines moved across themselves since a frame, px; inf if fewer than
+        `min_lines` were seen in it and now.
         """
         moved = []
         for track in self.tracks:
@@ -196,18 +186,22 @@ class Tracker:
                 old, new = then.points, track.sightings[-1].points
                 normal = normal_of(old[[0, -1]])
                 moved.append(abs(float((new.mean(axis=0) - old.mean(axis=0)) @ normal)))
-        few = len(moved) < _FEWEST_MOVING
+        few = len(moved) < min_lines
         return np.inf if few else float(np.median(moved)) * self._camera.focal_length
 
     def start_new(self, stamp: int, time: float, segments: FloatArray, gradient: Gradient) -> None:
         """Start tracks on segments (N, 2, 2), in px, until there are enough."""
-        wanted = self._config.max_lines - len(self.tracks)
+        wanted = self._edges.max_lines - len(self.tracks)
         if wanted <= 0:
             return
         rulings = self._candidates(segments, gradient)
         edges = search_all(gradient, self._camera, rulings)
         # Seen well enough to be followed.
-        full = (edges.counts > 0) & (edges.deviation <= self._straight) & (edges.support >= _FULL)
+        full = (
+            (edges.counts > 0)
+            & (edges.deviation <= self._max_rms)
+            & (edges.support >= self._config.start_support)
+        )
         edges = edges.part(full)
         twins = self._twins(edges.ends, edges.slopes, *_segments(self.tracks))
         edges = edges.part(~np.any(twins, axis=1))
@@ -219,14 +213,17 @@ class Tracker:
         started = []
         for ends, slope in zip(edges.ends, edges.slopes.tolist(), strict=True):
             self._next += 1
-            started.append(Track(self._next, born=time, ends=ends, slope=slope, last_seen=time))
+            sigma = self._config.fresh_sigma_px
+            track = Track(self._next, time, ends, slope, sigma=sigma, config=self._config)
+            track.last_seen = time
+            started.append(track)
         self._sight(stamp, started, edges)
         self.tracks += started
 
     def _candidates(self, segments: FloatArray, gradient: Gradient) -> Rulings:
         """Segments that are long enough and not followed yet, those worth most first."""
         along = segments[:, 1] - segments[:, 0]
-        segments = segments[np.hypot(along[:, 0], along[:, 1]) > self._config.min_length]
+        segments = segments[np.hypot(along[:, 0], along[:, 1]) > self._edges.min_length]
         ends = self._camera.undistort(segments.reshape(-1, 2)).reshape(-1, 2, 2)
         seen = np.isfinite(ends).all(axis=(1, 2))
         segments, ends = segments[seen], ends[seen]
@@ -248,7 +245,8 @@ class Tracker:
         near = np.linalg.norm(
             (segments.mean(axis=1)[:, None] - own.mean(axis=1)[None]) / size, axis=2
         )
-        return np.asarray(1.0 + 2.0 * np.sum(np.exp(-((near / 0.12) ** 2)), axis=1))
+        near = np.exp(-((near / self._config.crowding_radius) ** 2))
+        return np.asarray(1.0 + self._config.crowding_weight * np.sum(near, axis=1))
 
     def _twins(
         self,
@@ -258,6 +256,7 @@ class Tracker:
         own_slopes: FloatArray,
     ) -> NDArray[np.bool_]:
         """Which of M segments with slopes are the same line as which of N own ones, (M, N)."""
+        config = self._config
         normals, along = normal_of(own_ends), own_ends[:, 1] - own_ends[:, 0]
         same = np.sign(slopes[:, None] * own_slopes) * (normal_of(ends) @ normals.T)
         three = np.concatenate([ends, ends.mean(axis=1, keepdims=True)], axis=1)
@@ -265,9 +264,11 @@ class Tracker:
         gap = np.abs(three @ normals.T - np.sum(own_ends[:, 0] * normals, axis=1))
         place = three @ along.T - np.sum(own_ends[:, 0] * along, axis=1)
         place /= np.sum(along**2, axis=1)
-        near = np.all(gap * self._camera.focal_length < _TWIN, axis=1)
-        overlap = (place.max(axis=1) > -0.2) & (place.min(axis=1) < 1.2)
-        return np.asarray((same >= _PARALLEL) & near & overlap)
+        near = np.all(gap * self._camera.focal_length < config.duplicate_distance_px, axis=1)
+        overlap = (place.max(axis=1) > -config.duplicate_gap) & (
+            place.min(axis=1) < 1.0 + config.duplicate_gap
+        )
+        return np.asarray((same >= config.duplicate_cosine) & near & overlap)
 
     def _in_pixels(self, tracks: Sequence[Track]) -> FloatArray:
         """The ends of tracks in the image, (N, 2, 2)."""

@@ -10,20 +10,9 @@ import gtsam
 import numpy as np
 
 from ruledgraph.calibration.sensors import FloatArray, ImuNoise
+from ruledgraph.core.config import DEFAULTS, ImuConfig
 from ruledgraph.imu.faults import Doubt, RangeWatch
 from ruledgraph_factors import ImuSamples
-
-# A longer stretch without a sample is a hole, s.
-_HOLE = 0.05
-# In a hole lines are followed by guesses; beyond this, s, they are not trusted.
-_LOST = 0.12
-# So long after that, or after clipped readings, s, the estimate may be off by more than it says.
-_UNSURE = 1.0
-# A reading that comes again so many times, to the last bit, is that of an IMU that hangs.
-_REPEATS = 4
-# What a straight line between two samples leaves open of rate and specific force (rad/s, m/s^2),
-# when they are this far apart (s) or further; of a shorter hole it is the square of that.
-_OPEN_RATE, _OPEN_FORCE, _LONG = 0.5, 1.5, 0.2
 
 
 class ImuBuffer:
@@ -33,12 +22,13 @@ class ImuBuffer:
     is the same as the one before is held back until another one comes.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, config: ImuConfig = DEFAULTS.imu) -> None:
+        self._config = config
         self._times: list[float] = []
         self._values: list[FloatArray] = []
         self._repeats: list[float] = []
         self._holes: deque[Doubt] = deque()
-        self._range = RangeWatch()
+        self._range = RangeWatch(config)
         self.range_news = ""
         """What was found of the sensors' range with the last sample."""
 
@@ -55,7 +45,7 @@ class ImuBuffer:
         if self._values and (value == self._values[-1]).all():
             self._repeats.append(time)
             return hung
-        if len(self._repeats) >= _REPEATS:
+        if len(self._repeats) >= self._config.hang_repeats:
             hung = self._repeats[-1] - self._times[-1]
         else:
             for repeated in self._repeats:
@@ -66,8 +56,8 @@ class ImuBuffer:
         return hung
 
     def _append(self, time: float, value: FloatArray) -> None:
-        if self._times and time - self._times[-1] > _HOLE:
-            self._holes.append(_hole(self._times[-1], time))
+        if self._times and time - self._times[-1] > self._config.max_sample_interval:
+            self._holes.append(_hole(self._times[-1], time, self._config))
         self._times.append(time)
         self._values.append(value)
 
@@ -96,14 +86,15 @@ class ImuBuffer:
 
     def is_lost(self, time: float) -> bool:
         """Whether it is so long since the last sample that lines are no longer where expected."""
+        longest = self._config.max_hole
         return any(
-            _is_hole(doubt) and time - doubt.start > _LOST for doubt in self.doubts(time, time)
+            _is_hole(doubt) and time - doubt.start > longest for doubt in self.doubts(time, time)
         )
 
     def is_unsure(self, time: float) -> bool:
         """Whether lines may have been lost, or readings were clipped, not long before."""
-        recent = self.doubts(time - _UNSURE, time)
-        return any(not _is_hole(doubt) or doubt.stop - doubt.start > _LOST for doubt in recent)
+        recent, longest = self.doubts(time - self._config.unsure_time, time), self._config.max_hole
+        return any(not _is_hole(doubt) or doubt.stop - doubt.start > longest for doubt in recent)
 
     def _part(self, start: float, stop: float) -> slice:
         first = max(bisect.bisect_right(self._times, start) - 1, 0)
@@ -126,9 +117,10 @@ class ImuBuffer:
         self._range.forget(np.inf)
 
 
-def _hole(start: float, stop: float) -> Doubt:
-    shorter = min((stop - start) / _LONG, 1.0) ** 2
-    return Doubt(start, stop, shorter * np.repeat([_OPEN_RATE, _OPEN_FORCE], 3))
+def _hole(start: float, stop: float, config: ImuConfig) -> Doubt:
+    shorter = min((stop - start) / config.long_hole, 1.0) ** 2
+    sigmas = np.repeat([config.hole_rate_sigma, config.hole_force_sigma], 3)
+    return Doubt(start, stop, shorter * sigmas)
 
 
 def _is_hole(doubt: Doubt) -> bool:

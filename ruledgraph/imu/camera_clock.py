@@ -4,17 +4,14 @@
 
 import numpy as np
 
+from ruledgraph.core.config import DEFAULTS, TimeOffsetConfig
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.core.timing import Messages
 from ruledgraph.imu.synchronizer import Synchronizer
 
-# The correction follows the estimate by so much a knot, s, so that frames stay in order.
-_MOST_STEP = 2e-3
-# An offset known this well, and followed this closely, is worth a warning when it is so far from
-# the calibration, s.
-_KNOWN, _FOLLOWED, _FAR = 1e-3, 5e-4, 3e-3
-# A start whose offset comes out further from what its frames were timed with is tried again, s.
-RETRY = 2e-3
+# A start whose offset comes out further from what its frames were timed with is tried again, s: the
+# correction would not follow it in one step.
+RETRY = DEFAULTS.time_offset.max_step
 
 
 class CameraClock:
@@ -23,15 +20,21 @@ class CameraClock:
     Args:
         sensors: whose frames it times.
         calibrated: the calibration's offset, s.
-        sigma: of that, s; 0 when it is not estimated.
+        config: whether it is estimated, and how it is followed.
         warnings: where to say that the calibration is wrong.
     """
 
     def __init__(
-        self, sensors: Synchronizer, calibrated: float, sigma: float, warnings: Messages
+        self,
+        sensors: Synchronizer,
+        calibrated: float,
+        config: TimeOffsetConfig,
+        warnings: Messages,
     ) -> None:
+        sigma = config.sigma if config.estimate else 0.0
         self.offset = TimeOffset(calibrated, sigma)
         """t_imu - t_cam, s, as last known; without deviation when it is not estimated."""
+        self._config = config
         self._sensors = sensors
         self._calibrated = calibrated
         self._warnings = warnings
@@ -45,20 +48,24 @@ class CameraClock:
         self.offset = offset.moved(self._calibrated)
         if not confirmed:
             return
-        if message := concern(self._sensors.correction, offset, self._calibrated):
+        if message := concern(self._sensors.correction, offset, self._calibrated, self._config):
             self._warnings.once("time offset", message)
-        self._sensors.correction = followed(self._sensors.correction, offset)
+        self._sensors.correction = followed(self._sensors.correction, offset, self._config)
 
 
-def followed(correction: float, offset: TimeOffset) -> float:
+def followed(correction: float, offset: TimeOffset, config: TimeOffsetConfig) -> float:
     """The correction for the frames to come."""
-    return correction + float(np.clip(offset.value - correction, -_MOST_STEP, _MOST_STEP))
+    step = config.max_step
+    return correction + float(np.clip(offset.value - correction, -step, step))
 
 
-def concern(correction: float, offset: TimeOffset, calibrated: float) -> str | None:
+def concern(
+    correction: float, offset: TimeOffset, calibrated: float, config: TimeOffsetConfig
+) -> str | None:
     """What to warn of: an offset that is well known and far from the calibration's, s."""
-    settled = offset.sigma < _KNOWN and abs(offset.value - correction) < _FOLLOWED
-    if not settled or abs(offset.value) < _FAR:
+    settled = offset.sigma < config.settled_sigma
+    settled = settled and abs(offset.value - correction) < config.settled_change
+    if not settled or abs(offset.value) < config.warn_offset:
         return None
     return (
         f"frames are taken {1e3 * (calibrated + offset.value):.1f} ms after their stamps on the "

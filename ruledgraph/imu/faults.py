@@ -13,25 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruledgraph.calibration.sensors import FloatArray
-
-# A spike is further from the reading before it than this (rad/s, m/s^2) ...
-_LEAST_SPIKE = np.repeat([0.2, 2.0], 3)
-# ... and than so many times the largest change between readings lately, which is forgotten with
-# this time constant, s; the one after it is back to this share of the jump. On three flights of
-# EuRoC, whose propellers shake at half the IMU's rate, with hard landings, 3 takes none for one.
-_UNUSUAL, _FADES, _BACK = 4.0, 0.25, 0.3
-# Changes must have been watched for so long, s, and neighbours be no further apart.
-_WATCHED, _NEIGHBOURS = 0.1, 0.05
-# A sensor ends where an axis reads its farthest so far, to the last bit, so often within so long,
-# s ...
-_TOUCHES, _SPAN = 5, 0.3
-# ... though it came from further off than so many of its steps: one with coarse steps that is
-# still, or turns back slowly, also stays at one reading.
-_FEWEST_STEPS = 20.0
-# Beyond its end the true value is open by this share of the end.
-_OPEN_SHARE = 0.5
-# Clipped readings no further apart than this are one stretch, s.
-_TOGETHER = 0.03
+from ruledgraph.core.config import DEFAULTS, ImuConfig
 
 
 class Reading(NamedTuple):
@@ -50,7 +32,9 @@ class SpikeFilter:
     A reading that might be a spike waits for the next one; no other is delayed.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, config: ImuConfig = DEFAULTS.imu) -> None:
+        self._config = config
+        self._least = np.repeat([config.spike_rate, config.spike_force], 3)
         self._before: Reading | None = None
         self._held: Reading | None = None
         self._usual = np.zeros(6)
@@ -81,25 +65,25 @@ class SpikeFilter:
         before = self._before
         if (
             before is None
-            or reading.time - self._since < _WATCHED
-            or reading.time - before.time > _NEIGHBOURS
+            or reading.time - self._since < self._config.spike_watch_time
+            or reading.time - before.time > self._config.max_sample_interval
         ):
             return np.zeros(6, dtype=bool)
         jump = np.abs(reading.value - before.value)
-        return np.asarray(jump > np.maximum(_LEAST_SPIKE, _UNUSUAL * self._usual))
+        return np.asarray(jump > np.maximum(self._least, self._config.spike_factor * self._usual))
 
     def _is_back(self, before: Reading, held: Reading, time: float, value: FloatArray) -> bool:
-        if time - held.time > _NEIGHBOURS:
+        if time - held.time > self._config.max_sample_interval:
             return False
         jump, rest = np.abs(held.value - before.value), np.abs(value - before.value)
-        return bool(np.any(self._is_far(held) & (rest < _BACK * jump)))
+        return bool(np.any(self._is_far(held) & (rest < self._config.spike_return * jump)))
 
     def _pass(self, reading: Reading) -> Reading:
         before, self._before = self._before, reading
-        if before is None or reading.time - before.time > _NEIGHBOURS:
+        if before is None or reading.time - before.time > self._config.max_sample_interval:
             self._usual, self._since = np.zeros(6), reading.time
         else:
-            fading = math.exp(-(reading.time - before.time) / _FADES)
+            fading = math.exp(-(reading.time - before.time) / self._config.spike_memory)
             change = np.abs(reading.value - before.value)
             self._usual = np.maximum(change, fading * self._usual)
         return reading
@@ -117,7 +101,8 @@ class Doubt(NamedTuple):
 class RangeWatch:
     """Finds where the axes of a sensor end, by readings that stay there, and when they do."""
 
-    def __init__(self) -> None:
+    def __init__(self, config: ImuConfig = DEFAULTS.imu) -> None:
+        self._config = config
         self.doubts: list[Doubt] = []
         """Stretches with clipped readings, in order."""
         # All by axes and directions, (12,): upwards, then downwards.
@@ -151,7 +136,7 @@ class RangeWatch:
                 elif self._is_end[i]:
                     self._mark(i, self._recent[-1][0], time)
         self._recent.append((time, both))
-        while self._recent[0][0] < time - 2.0 * _SPAN:
+        while self._recent[0][0] < time - 2.0 * self._config.range_span:
             self._recent.popleft()
         return "; ".join(found)
 
@@ -162,21 +147,21 @@ class RangeWatch:
             return False  # it may be the same reading handed out again
         touches = self._touches[i]
         touches.append(time)
-        while touches[0] < time - _SPAN:
+        while touches[0] < time - self._config.range_span:
             touches.popleft()
-        if len(touches) < _TOUCHES:
+        if len(touches) < self._config.range_touches:
             return False
         # A parabola whose top stays within one step for so long was three steps lower half as
         # long before.
         since = touches[0] - 0.5 * (time - touches[0])
         earlier = [both[i] for t, both in self._recent if since <= t < touches[0]]
         drop = self._farthest[i] - min(earlier, default=np.inf)
-        return bool(drop > _FEWEST_STEPS * self._steps[i % 6])
+        return bool(drop > self._config.range_steps * self._steps[i % 6])
 
     def _mark(self, i: int, start: float, stop: float) -> None:
         opened = np.zeros(6)
-        opened[i % 6] = _OPEN_SHARE * abs(self._farthest[i])
-        while self.doubts and self.doubts[-1].stop >= start - _TOGETHER:
+        opened[i % 6] = self._config.range_open_share * abs(self._farthest[i])
+        while self.doubts and self.doubts[-1].stop >= start - self._config.range_join_time:
             last = self.doubts.pop()
             start, opened = min(start, last.start), np.maximum(opened, last.open)
         self.doubts.append(Doubt(start, stop, opened))

@@ -6,10 +6,11 @@ from collections import deque
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from ruledgraph.core.measurements import STAMP_JITTER
 from ruledgraph.imu.buffer import ImuBuffer
 
-EARLY = 0.004
-"""Frames at intervals (s) are on time when they come this much early: stamps jitter."""
+EARLY = STAMP_JITTER * 1e-9
+"""Frames at intervals are on time when they come this much early, s."""
 
 
 class FrameTime(NamedTuple):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruledgraph.calibration.sensors import Calibration, CameraModel
+from ruledgraph.core.config import DEFAULTS, ImuConfig
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import MAX_IMU_GAP, Frame, Gap, ImuSample
 from ruledgraph.core.timing import Messages
@@ -18,20 +19,20 @@ from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.faults import Reading, SpikeFilter
 from ruledgraph.imu.frame_history import FrameHistory, FrameTime
 
-# A shorter repetition of one reading is not worth a warning, s.
-_LEAST_HANG = 0.05
-
 
 class Synchronizer:
     """The latest IMU samples, and the frames that wait for more of them."""
 
-    def __init__(self, calibration: Calibration, warnings: Messages) -> None:
-        self.imu = ImuBuffer()
+    def __init__(
+        self, calibration: Calibration, warnings: Messages, config: ImuConfig = DEFAULTS.imu
+    ) -> None:
+        self.imu = ImuBuffer(config)
         self.frames = FrameHistory()
         """The frames that were processed."""
         self.correction = 0.0
         """Of the calibration's time offset, for the frames to come, s."""
-        self._spikes = SpikeFilter()
+        self._spikes = SpikeFilter(config)
+        self._config = config
         self._calibration = calibration
         self._warnings = warnings
         self._origin: int | None = None
@@ -74,7 +75,7 @@ class Synchronizer:
                 f"{self.imu.range_news}, as found at {time:.2f} s: what it reads there is doubted; "
                 "set a larger range"
             )
-        if hung > _LEAST_HANG:
+        if hung > self._config.max_sample_interval:
             self._warnings.append(
                 f"the IMU hung at {before:.2f} s: the same reading for {hung:.2f} s is not used"
             )
@@ -132,7 +133,7 @@ class Synchronizer:
     def begin_anew(self, stop: int) -> None:
         """Forget all before a stamp."""
         self.imu.clear()
-        self._spikes = SpikeFilter()
+        self._spikes = SpikeFilter(self._config)
         time = self.seconds(stop)
         self._waiting = deque(frame for frame in self._waiting if self.frame_time(frame) >= time)
 

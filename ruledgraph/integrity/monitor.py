@@ -19,39 +19,14 @@ from gtsam.symbol_shorthand import B, V, X
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import Interval, Knot
 from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.config import Config, IntegrityConfig
 from ruledgraph.core.estimates import Covariances
 from ruledgraph.core.timing import Messages
 from ruledgraph.integrity.segments import Drift
 from ruledgraph_factors import STANDARD_GRAVITY
 
-# The intervals of so many s are judged, but no fewer than so many; and so many lines in them, or
-# nothing is concluded.
-_SPAN, _FEWEST, _FEWEST_SEEN = 1.01, 5, 10
-# Twice their error, on average: beyond what is usual, covariances grow with it, and shrink again in
-# so long, s; images and IMU disagree from `_MOST` on, until it is below `_AGREED` again. Were all
-# well it would have 15 degrees of freedom less those that are fitted. Simulated recordings usually
-# have 1 and reach 4, MH_01 12 and 40; of a focal length that is 3 % off it is 90, of stamps that
-# are off 100.
-_USUAL, _FADES, _MOST, _AGREED = 3.0, 5.0, 45.0, 20.0
-# The power of that error that covariances grow with: 1 were the contradiction white. Found on
-# rendered EuRoC flights, whose NEES of position, orientation and velocity it takes from 4.5, 3.4,
-# 3.7 to 1.2, 1.0, 1.0 (V1_01) and from 2.5, 6.8, 2.2 to 1.1, 2.9, 1.3 (MH_04).
-_PERSISTS = 1.5
-# Share of lines that do not fit, likewise: flights reach 0.12, blurred ones 0.28; an estimate that
-# has run away begins at 0.3 and is lost when it is there for so long, s, or beyond `_LOST`.
-_USUAL_MISFIT, _MOST_MISFIT, _FITTING = 0.1, 0.3, 0.2
-_LOST, _LOST_FOR = 0.5, 1.0
-# Lines are compared with their points in no fewer intervals in motion, and points of lines, than
-# so many. The median of the absolute value of a standard normal variable.
-_FEWEST_MOVING, _FEWEST_OFFSETS, _MEDIAN = 3, 20, 0.6745
-# Where lines are closer to their points than they should be, covariances are no less than this
-# share of what the window says: on rendered images lines are at a fifth, the IMU's noise is not.
-_LEAST = 0.65
-# Lines are parallel when all but this share of their directions' squares is along one; for so
-# long, s, and no fewer than so many.
-_SPREAD, _PARALLEL_FOR, _FEWEST_LINES = 0.02, 1.0, 2
-# An estimate that moves by so much (m) while the body rests is worth a warning.
-_SLIDE = 0.03
+# The median of the absolute value of a standard normal variable.
+_MEDIAN = 0.6745
 _G = -STANDARD_GRAVITY[2]
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -60,13 +35,14 @@ class IntegrityMonitor:
     """Judges a segment knot by knot.
 
     Args:
-        body_T_cam: the camera's mounting.
         drift: what is open of the segment's place and heading from the beginning.
         warnings: where to tell.
+        config: all settings.
     """
 
-    def __init__(self, body_T_cam: gtsam.Pose3, drift: Drift, warnings: Messages) -> None:
-        self._body_T_cam = body_T_cam
+    def __init__(self, drift: Drift, warnings: Messages, config: Config) -> None:
+        self._config = config.integrity
+        self._slide_warning = config.rest.slide_warning
         self._drift = drift
         self._warnings = warnings
         # Of the window's covariances: the share that stays where lines fit better than they should,
@@ -99,7 +75,7 @@ class IntegrityMonitor:
     def parallel(self) -> bool:
         """Whether all lines have been parallel for long."""
         since = self._parallel_since
-        return since is not None and self._time - since >= _PARALLEL_FOR
+        return since is not None and self._time - since >= self._config.parallel_time
 
     def update(self, window: Window, still: bool) -> None:
         """Take in the newest knot, optimised, and whether the body has been at rest until then."""
@@ -126,40 +102,43 @@ class IntegrityMonitor:
 
     def _compare_with_imu(self, window: Window) -> float:
         """By how much the IMU factors' error says that covariances are too small."""
-        error = imu_error(window)
+        error, limits = imu_error(window, self._config), self._config
         if error is None:
             return 1.0
-        if error > _MOST and not self._contradiction:
+        if error > limits.max_error and not self._contradiction:
             self._warnings.append(
                 f"images and IMU disagree since {self._time:.2f} s: check time offset, extrinsics "
                 "and the IMU's range"
             )
-        self._contradiction = error > (_AGREED if self._contradiction else _MOST)
-        return float((error / _USUAL) ** _PERSISTS)
+        self._contradiction = error > (
+            limits.agreed_error if self._contradiction else limits.max_error
+        )
+        return float((error / limits.usual_error) ** limits.error_exponent)
 
     def _compare_with_lines(self, window: Window, still: bool) -> float:
         """Likewise how far lines are from their points, and the share of those that do not fit;
         most of them, and it is lost.
         """
-        misfit, scale = misfit_share(window), line_scale(window)
+        limits = self._config
+        misfit, scale = misfit_share(window, limits), line_scale(window, limits)
         if misfit is not None:
             self._misfit = misfit
-            if misfit > _MOST_MISFIT and self._misfit_since is None:
+            if misfit > limits.max_misfit and self._misfit_since is None:
                 self._misfit_since = self._time
                 self._warnings.append(
                     f"{misfit:.0%} of the lines do not fit the estimate at {self._time:.2f} s: it "
                     "may be lost, or much of the image moves"
                 )
-            elif misfit < _FITTING:
+            elif misfit < limits.agreed_misfit:
                 self._misfit_since = None
         since = self._misfit_since
-        is_long = since is not None and self._time - since >= _LOST_FOR
+        is_long = since is not None and self._time - since >= limits.lost_time
         # Where there are too few to judge by now, the others were lost; or nobody looks, at rest.
         judged = misfit is not None or not still
-        self.lost = judged and self._misfit > (_MOST_MISFIT if is_long else _LOST)
+        self.lost = judged and self._misfit > (limits.max_misfit if is_long else limits.lost_misfit)
         excess = 1.0 if scale is None else scale**2
-        self._fit = min(max(excess, _LEAST), 1.0)
-        return excess if misfit is None else max(excess, (misfit / _USUAL_MISFIT) ** 2)
+        self._fit = min(max(excess, limits.min_covariance_share), 1.0)
+        return excess if misfit is None else max(excess, (misfit / limits.usual_misfit) ** 2)
 
     def _inflate(self, knot: Knot, excess: float, elapsed: float) -> None:
         disagreed, self.disagree = self.disagree, self._contradiction or self.misfits
@@ -173,7 +152,7 @@ class IntegrityMonitor:
                 knot.state.position(),
             )
             self._excess, self._open_place = 1.0, np.zeros((3, 3))
-        fading = 1.0 if self.disagree else float(np.exp(-elapsed / _FADES))
+        fading = 1.0 if self.disagree else float(np.exp(-elapsed / self._config.fade_time))
         self._excess = max(excess, fading * self._excess)
         # What went wrong with the place stays: as much as now, and what comes as it drifts on.
         record = _enclosing(self._record, place)
@@ -187,9 +166,9 @@ class IntegrityMonitor:
         directions = directions_in_view(window)
         values, vectors = np.linalg.eigh(directions.T @ directions / max(len(directions), 1))
         # Too few lines are another matter, and end nothing.
-        if len(directions) < _FEWEST_LINES:
+        if len(directions) < self._config.min_lines:
             return
-        if values[-1] < 1.0 - _SPREAD:
+        if values[-1] < 1.0 - self._config.parallel_spread:
             self._drift = replace(self._drift, place=self._drift.place + self._open_along())
             self._parallel_since = None
             return
@@ -223,7 +202,7 @@ class IntegrityMonitor:
         if self._rest is None:
             self._rest = place
         before, self._slide = self._slide, place - self._rest
-        if np.linalg.norm(before) < _SLIDE <= np.linalg.norm(self._slide):
+        if np.linalg.norm(before) < self._slide_warning <= np.linalg.norm(self._slide):
             self._warnings.append(
                 f"the estimate has moved by {np.linalg.norm(self._slide):.2f} m at "
                 f"{self._time:.2f} s, and the camera has not: lines may be wrong"
@@ -234,12 +213,12 @@ class IntegrityMonitor:
         return np.outer(self._slide, self._slide)
 
 
-def imu_error(window: Window) -> float | None:
+def imu_error(window: Window, config: IntegrityConfig) -> float | None:
     """Twice the error of the last IMU factors, on average, but for the newest one, which hardly
     anything contradicts yet; None if there are too few.
     """
-    intervals = _last(list(window.intervals), window)
-    if len(intervals) < _FEWEST:
+    intervals = _last(list(window.intervals), window, config)
+    if len(intervals) < config.min_intervals:
         return None
     values = gtsam.Values()
     for interval in intervals:
@@ -251,23 +230,24 @@ def imu_error(window: Window) -> float | None:
     return 2.0 * float(np.mean(errors))
 
 
-def misfit_share(window: Window) -> float | None:
+def misfit_share(window: Window, config: IntegrityConfig) -> float | None:
     """Share of the last intervals' lines that did not fit; None if there are too few."""
     # At rest most do not look at any.
     looked = [i for i in window.intervals if i.offsets or not i.still]
-    intervals = _last(looked, window)
+    intervals = _last(looked, window, config)
     judged = sum(len(interval.offsets) for interval in intervals)
     misfits = sum(interval.misfits for interval in intervals)
-    return misfits / judged if judged >= _FEWEST_SEEN else None
+    return misfits / judged if judged >= config.min_observations else None
 
 
-def line_scale(window: Window) -> float | None:
+def line_scale(window: Window, config: IntegrityConfig) -> float | None:
     """How many times further off than they should be the last intervals' lines are, as a whole,
     while the body moves; None if there are too few.
     """
-    intervals = _last([i for i in window.intervals if i.offsets and not i.still], window)
+    moving = [i for i in window.intervals if i.offsets and not i.still]
+    intervals = _last(moving, window, config)
     offsets = [offset for interval in intervals for offset in interval.offsets]
-    if len(intervals) < _FEWEST_MOVING or len(offsets) < _FEWEST_OFFSETS:
+    if len(intervals) < config.min_moving_intervals or len(offsets) < config.min_offsets:
         return None
     return float(np.median(np.abs(offsets))) / _MEDIAN
 
@@ -284,9 +264,11 @@ def _enclosing(one: FloatArray, other: FloatArray) -> FloatArray:
     return np.asarray(other + (vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
-def _last(intervals: Sequence[Interval], window: Window) -> Sequence[Interval]:
-    recent = sum(i.knot.time >= window.newest.time - _SPAN for i in intervals)
-    return intervals[-max(recent, _FEWEST) :]
+def _last(
+    intervals: Sequence[Interval], window: Window, config: IntegrityConfig
+) -> Sequence[Interval]:
+    recent = sum(i.knot.time >= window.newest.time - config.span for i in intervals)
+    return intervals[-max(recent, config.min_intervals) :]
 
 
 def directions_in_view(window: Window) -> FloatArray:

@@ -10,6 +10,7 @@ from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import Interval
 from ruledgraph.calibration.sensors import FloatArray, ImuNoise
+from ruledgraph.core.config import LinesConfig
 from ruledgraph.core.estimates import Estimate, Status, blocks
 from ruledgraph.core.output import Output
 from ruledgraph.core.time_offset import TimeOffset
@@ -28,6 +29,7 @@ class EstimateReporter:
         monitor: of its integrity.
         imu: samples that cover the window.
         noise: of the IMU.
+        lines: says how far lines reach.
         hold: keep everything back until `release`.
     """
 
@@ -38,6 +40,7 @@ class EstimateReporter:
         monitor: IntegrityMonitor,
         imu: ImuBuffer,
         noise: ImuNoise,
+        lines: LinesConfig,
         hold: bool,
     ) -> None:
         self._output = output
@@ -45,6 +48,7 @@ class EstimateReporter:
         self._monitor = monitor
         self._imu = imu
         self._noise = noise
+        self._extent_outliers = lines.extent_outliers
         self._live_by_stamp: dict[int, Estimate] = {}
         self._held = Output() if hold else None
 
@@ -121,5 +125,5 @@ class EstimateReporter:
 
     def lines(self, landmarks: Iterable[Landmark]) -> None:
         """Lines that left the window."""
-        estimates = (landmark.estimate() for landmark in landmarks)
+        estimates = (landmark.estimate(self._extent_outliers) for landmark in landmarks)
         self._out.put(lines=[estimate for estimate in estimates if estimate is not None])

@@ -6,13 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ruledgraph.core.config import DEFAULTS, RestConfig
 from ruledgraph.imu.synchronizer import Synchronizer
 
-# How long rest must last, s.
-REST = 0.4
-# At rest the gyroscope and the accelerometer hardly vary (rad/s, m/s^2), and the image does not
-# move (px).
-_STILL_GYROSCOPE, _STILL_ACCELEROMETER, _STILL_IMAGE = 0.02, 0.25, 0.4
+REST = DEFAULTS.rest.duration
+"""How long rest lasts by default, s; a start takes it from here."""
 
 
 class RestDetector:
@@ -20,10 +18,18 @@ class RestDetector:
 
     Args:
         sensors: with the samples and the frames' times.
-        image_motion: of the lines since the frame of a stamp, px, see `Tracker.image_motion`.
+        image_motion: of the lines since the frame of a stamp, px, by no fewer than a number of
+            them, see `Tracker.image_motion`.
+        config: what rest shows.
     """
 
-    def __init__(self, sensors: Synchronizer, image_motion: Callable[[int], float]) -> None:
+    def __init__(
+        self,
+        sensors: Synchronizer,
+        image_motion: Callable[[int, int], float],
+        config: RestConfig,
+    ) -> None:
+        self._config = config
         self._imu = sensors.imu
         self._frames = sensors.frames
         self._image_motion = image_motion
@@ -35,19 +41,21 @@ class RestDetector:
             time: of a frame, s.
             rests_since: since when they have, as far as it is known: slow motion shows only then.
         """
-        begin = time - REST
+        begin = time - self._config.duration
         if rests_since is not None:
             begin = min(begin, max(rests_since, self._frames.first.time))
         if not self._imu.covers(begin, time):
             return False
         samples = self._imu.between(begin, time)
         return bool(
-            samples.gyroscope.std(axis=0).max() < _STILL_GYROSCOPE
-            and samples.accelerometer.std(axis=0).max() < _STILL_ACCELEROMETER
-            and self.image_motion(begin) < _STILL_IMAGE
+            samples.gyroscope.std(axis=0).max() < self._config.gyroscope_sigma
+            and samples.accelerometer.std(axis=0).max() < self._config.accelerometer_sigma
+            and self.image_motion(begin) < self._config.image_motion_px
         )
 
     def image_motion(self, since: float) -> float:
         """How far the image moved since a time, px; inf where that is not known."""
         frame = self._frames.at(since)
-        return np.inf if frame is None else self._image_motion(frame.stamp)
+        if frame is None:
+            return np.inf
+        return self._image_motion(frame.stamp, self._config.min_lines)

@@ -24,11 +24,6 @@ from ruledgraph.integrity.reporter import EstimateReporter
 from ruledgraph.integrity.rest import RestDetector
 from ruledgraph.integrity.segments import Drift, Ended
 
-# At rest the window is solved this often (s), while the image has not moved since by more, px.
-_IDLE, _UNMOVED = 0.8, 0.2
-# With fewer lines of the graph in view for so long (s), the IMU alone carries the estimate.
-_FEWEST_LINES, _LINES_MISSING = 2, 0.3
-
 
 class Stages(NamedTuple):
     """The stages that serve all segments."""
@@ -70,10 +65,16 @@ class TrajectorySegment:
         self.confirmed = not start.lines
         """Whether the start holds: one in motion is on trial."""
         self.window = Window(calibration, config, start, stages.sensors.correction)
-        self.monitor = IntegrityMonitor(calibration.body_T_cam, drift, stages.output.warnings)
+        self.monitor = IntegrityMonitor(drift, stages.output.warnings, config)
         imu, noise = stages.sensors.imu, calibration.imu_noise
         self._reporter = EstimateReporter(
-            stages.output, number, self.monitor, imu, noise, hold=not self.confirmed
+            stages.output,
+            number,
+            self.monitor,
+            imu,
+            noise,
+            config.lines,
+            hold=not self.confirmed,
         )
         self._propagator = ImuPropagator(imu, noise)
         self.state = self.window.newest.state
@@ -95,7 +96,7 @@ class TrajectorySegment:
 
     def is_state_due(self, time: float) -> bool:
         """Whether a frame at a time (s) gets a state."""
-        return time - self.window.newest.time >= self._config.window.knot_interval - EARLY
+        return time - self.window.newest.time >= self._config.window.state_interval - EARLY
 
     def detect_every(self, rate: float) -> float:
         """How often new lines are looked for, s, when it is `rate` in motion."""
@@ -104,7 +105,7 @@ class TrajectorySegment:
     @property
     def _idle(self) -> float:
         """At rest new lines are looked for, and the window is solved, this often, s."""
-        return min(self._config.window.lag / 2.0, _IDLE)
+        return min(self._config.window.lag / 2.0, self._config.rest.solve_interval)
 
     def predict(self, time: float) -> gtsam.NavState:
         """Carry the state on to a time (s) after the newest node, by the IMU."""
@@ -131,7 +132,8 @@ class TrajectorySegment:
         time, solved = frames[-1].time, self.window.solved
         still = self._is_still(time)
         idle = still and self.confirmed and time - solved < self._idle - EARLY
-        if idle and self._stages.rest.image_motion(solved) < _UNMOVED:
+        unmoved = self._config.rest.unmoved_px
+        if idle and self._stages.rest.image_motion(solved) < unmoved:
             self._extend(frames, still, look=False)
             self._propagator.reset()
             self.state = self.window.newest.state
@@ -189,14 +191,15 @@ class TrajectorySegment:
         return status
 
     def _status(self, time: float, lines: int) -> Status:
-        if lines >= _FEWEST_LINES:
+        limits = self._config.integrity
+        if lines >= limits.min_lines:
             self._last_lines = time
         unsure = self._stages.sensors.imu.is_unsure(time)
         if unsure or self.monitor.disagree or self._is_blind(time):
             return "doubtful"
         if self._still:
             return "still"
-        missing = time - self._last_lines > _LINES_MISSING
+        missing = time - self._last_lines > limits.lines_missing_time
         return "dead reckoning" if missing or self.monitor.parallel else "tracking"
 
     def finish(self) -> None:

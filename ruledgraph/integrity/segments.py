@@ -11,17 +11,10 @@ import numpy as np
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.start import Start
 from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Covariances
 
 _UP = np.array([0.0, 0.0, 1.0])
-# A velocity is forgotten after so long, s.
-_FADES = 0.5
-# What a gap leaves open, deviations: acceleration, m/s^2, and turning about the vertical, rad/s.
-_OPEN_ACCELERATION, _OPEN_TURN = 1.0, 0.3
-# A start in motion is on trial for so long, s. When less than this share of its lines has stayed,
-# or beyond these (m/s, rad/s, m/s^2), it was none.
-_TRIAL, _LEAST_STAY = 0.7, 0.5
-_FASTEST, _WORST_GYROSCOPE, _WORST_ACCELEROMETER = 20.0, 0.25, 1.5
 
 
 def heading(ours: FloatArray, other: FloatArray) -> gtsam.Rot3:
@@ -76,7 +69,7 @@ class Ended(NamedTuple):
     covariances: Covariances
 
 
-def continued(start: Start, ended: Ended) -> tuple[Start, Drift]:
+def continued(start: Start, ended: Ended, config: IntegrityConfig) -> tuple[Start, Drift]:
     """A start in the world of the segment before it, and what the gap between them leaves open.
 
     The body goes on as it moved, for a while, and keeps its heading.
@@ -84,7 +77,7 @@ def continued(start: Start, ended: Ended) -> tuple[Start, Drift]:
     gap = max(start.time - ended.time, 0.0)
     attitude = ended.pose.rotation().matrix()
     turn = heading(attitude[None], start.state.attitude().matrix()[None])
-    fading = _FADES * (1.0 - np.exp(-gap / _FADES))
+    fading = config.gap_velocity_time * (1.0 - np.exp(-gap / config.gap_velocity_time))
     place = ended.pose.translation() + fading * ended.velocity
     shift = place - turn.rotate(start.state.position())
     of_pose, of_velocity, _ = ended.covariances
@@ -93,20 +86,21 @@ def continued(start: Start, ended: Ended) -> tuple[Start, Drift]:
         attitude @ of_pose[3:, 3:] @ attitude.T
         + of_velocity * gap**2
         + np.outer(unsure, unsure)
-        + np.eye(3) * (0.5 * _OPEN_ACCELERATION * gap**2) ** 2
+        + np.eye(3) * (0.5 * config.gap_acceleration * gap**2) ** 2
     )
     up = attitude.T @ _UP
-    open_heading = float(up @ of_pose[:3, :3] @ up) + (_OPEN_TURN * gap) ** 2
+    open_heading = float(up @ of_pose[:3, :3] @ up) + (config.gap_turn_rate * gap) ** 2
     return start.moved(gtsam.Pose3(turn, shift)), Drift(open_place, open_heading, place)
 
 
 class Trial:
     """A start in motion, made at a time, until most of its lines have been seen to stay."""
 
-    def __init__(self, start: Start, time: float) -> None:
+    def __init__(self, start: Start, time: float, config: IntegrityConfig) -> None:
+        self._config = config
         self._numbers = set(start.lines)
         self._entered: set[int] = set()
-        self._until = time + _TRIAL
+        self._until = time + config.trial_time
         self.trouble = ""
         """Why it was none."""
 
@@ -115,12 +109,8 @@ class Trial:
         knot = window.newest
         self._entered |= self._numbers & window.lines.keys()
         gone = len(self._entered - window.lines.keys())
-        if gone > (1.0 - _LEAST_STAY) * len(self._numbers):
+        if gone > (1.0 - self._config.trial_min_stay) * len(self._numbers):
             self.trouble = f"{gone} of its {len(self._numbers)} lines did not fit for long"
-        elif not (
-            np.linalg.norm(knot.state.velocity()) < _FASTEST
-            and np.linalg.norm(knot.bias.gyroscope()) < _WORST_GYROSCOPE
-            and np.linalg.norm(knot.bias.accelerometer()) < _WORST_ACCELEROMETER
-        ):
+        elif not knot.keeps(self._config, self._config.trial_share):
             self.trouble = "its velocity or biases are implausible"
         return not self.trouble and knot.time >= self._until

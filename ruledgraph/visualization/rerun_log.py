@@ -129,7 +129,8 @@ class RerunLog(Closing):
             self._told[name] = len(texts)
         if window is not None and window.newest.time != self._knot:
             self._knot = window.newest.time
-            known = [line.estimate() for line in window.lines.values()]
+            outliers = odometry.config.lines.extent_outliers
+            known = [line.estimate(outliers) for line in window.lines.values()]
             drawn = [x for x in known if x is not None and _sigma(x) < _UNCERTAIN]
             ends, colors = [line.ends for line in drawn], [line_color(x.number) for x in drawn]
             self._log("world/window", rr.LineStrips3D(ends, colors=colors))

@@ -9,10 +9,10 @@ import pytest
 
 import ruledgraph
 from ruledgraph.backend.sliding_window import Window
-from ruledgraph.core.config import load_config
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Gap, ImuSample, Measurement
+from ruledgraph.core.settings import load_config
 from ruledgraph.evaluation import alignment
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.integrity.segments import Trial, heading
@@ -491,10 +491,10 @@ def test_lines_that_contradict_the_imu_are_told_and_doubted_or_given_up():
     assert all(e.status != "doubtful" for e in before)
 
 
-def test_a_lost_estimate_ends_its_segment_where_it_was_last_believed(monkeypatch):
-    monkeypatch.setattr("ruledgraph.integrity.monitor._LOST", 0.35)
+def test_a_lost_estimate_ends_its_segment_where_it_was_last_believed():
+    config = load_config(None, ["integrity.lost_misfit=0.35"])
     measurements, calibration = small_stream(seed=3)
-    odometry, live, smoothed = Odometry(calibration), [], []
+    odometry, live, smoothed = Odometry(calibration, config), [], []
     for measurement in mirrored(measurements, 2.5):
         odometry.add(measurement)
         live += odometry.take_live()

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ruledgraph.core.config import Config, load_config
+from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.settings import load_config
 from ruledgraph.core.trajectory import read_tum
 from ruledgraph.evaluation import accuracy
 from ruledgraph.evaluation.ground_truth import GroundTruth
@@ -217,13 +218,13 @@ def _evaluated(folder: Path, truth: GroundTruth) -> tuple[list[Errors], list[str
 
 def _settings(path: Path) -> tuple[list[Setting], str]:
     try:
-        config = dataclasses.asdict(load_config(path))
+        config = load_config(path).model_dump()
     except RuledgraphError:  # another version's, or none
         try:
             return [], path.read_text(encoding="utf-8", errors="replace")
         except OSError:
             return [], ""
-    default = dataclasses.asdict(Config())
+    default = Config().model_dump()
     settings = [
         Setting(section, key, _shown(value), _shown(default[section][key]))
         for section, values in config.items()

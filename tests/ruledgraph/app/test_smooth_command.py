@@ -17,8 +17,9 @@ from evo.tools import file_interface
 from ruledgraph.app.cli import main
 from ruledgraph.app.runner import run
 from ruledgraph.calibration import write_kalibr
-from ruledgraph.core.config import Config, load_config
+from ruledgraph.core.config import Config
 from ruledgraph.core.measurements import ImuSample
+from ruledgraph.core.settings import load_config
 from ruledgraph.core.trajectory import Trajectory, read_tum
 from ruledgraph.recording import write_recording
 from small_simulation import frames, small_simulation, small_stream

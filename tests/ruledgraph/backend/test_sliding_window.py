@@ -17,7 +17,8 @@ from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.start import Start
 from ruledgraph.backend.states import Interval
 from ruledgraph.backend.triangulation import triangulate
-from ruledgraph.core.config import Config, load_config
+from ruledgraph.core.config import Config
+from ruledgraph.core.settings import load_config
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph_factors import CompressedPoints, preintegrate_frames
 from simulated_window import BODY_T_CAM, FOCAL_LENGTH, SplineMotion, hand_held
@@ -72,7 +73,9 @@ def test_the_newest_knot_follows_the_truth(seed):
 
 def test_intervals_leave_after_the_lag_with_all_their_frames():
     made = ideal_tracks(0, hand_held(np.random.default_rng(0)))
-    window, left = run_window(made, load_config(None, ["window.lag=1", "window.knot_interval=0.1"]))
+    window, left = run_window(
+        made, load_config(None, ["window.lag=1", "window.state_interval=0.1"])
+    )
     kept = [stamp for interval in window.intervals for stamp in interval.stamps]
     gone = [stamp for interval in left for stamp in interval.stamps]
     assert gone
@@ -176,7 +179,7 @@ def test_a_robust_loss_carries_a_line_that_slips():
                 if i > 40:
                     moved = seen.points + np.array([0.03, -0.03])
                     track.sightings[i] = sighting(seen.stamp, moved)
-        window, _ = run_window(made, load_config(None, [f"window.robust={robust}"]))
+        window, _ = run_window(made, load_config(None, [f"lines.cauchy_scale_px={robust}"]))
         knot = window.newest
         errors[robust] = error_of(knot.state.pose(), made.motion.pose(knot.time))
     assert errors["1"] < 0.01
@@ -261,15 +264,16 @@ def _foot(ends: np.ndarray, anchor: gtsam.Pose3) -> np.ndarray:
     return offset - (offset @ direction) * direction
 
 
-def test_lines_that_moved_from_their_linearisation_get_new_variables(monkeypatch):
+def test_lines_that_moved_from_their_linearisation_get_new_variables():
     """All lines are re-anchored, again and again, and nothing of the estimate is lost."""
     made = ideal_tracks(1, hand_held(np.random.default_rng(1)))
-    config = load_config(None, ["window.lag=1"])
-    monkeypatch.setattr("ruledgraph.backend.line_map._MOVED", np.inf)
-    plain, _ = run_window(made, config)
+    never, often = (
+        load_config(None, ["window.lag=1", f"lines.reanchor_change={change}"])
+        for change in (1000, 1e-4)
+    )
+    plain, _ = run_window(made, never)
     assert all(line.key <= L(11) for line in plain.lines.values())
-    monkeypatch.setattr("ruledgraph.backend.line_map._MOVED", 1e-4)
-    window, _ = run_window(made, config)
+    window, _ = run_window(made, often)
     assert window.recoveries == []
     assert all(line.key > L(11) for line in window.lines.values())
     assert len(window.lines) == 12
@@ -332,7 +336,7 @@ def test_new_lines_say_next_to_nothing_of_place_and_heading():
                 for moved in moves
             ]
             information = np.zeros((4, 4))
-            for factor in new_line_factors(interval.knot, seen):
+            for factor in new_line_factors(interval.knot, seen, Config().lines):
                 linear = factor.linearize(values)
                 order = linear.keys()
                 by_all = [np.concatenate([change[key] for key in order]) for change in changes]
@@ -384,9 +388,9 @@ def test_careful_steps_take_over_in_the_middle_of_a_rest(monkeypatch, solved):
 @takes_over
 def test_an_indeterminate_system_is_solved_by_careful_steps_and_nothing_is_lost(monkeypatch):
     made = ideal_tracks(3, hand_held(np.random.default_rng(3)))
-    config = load_config(
-        None, ["window.lag=0.6", "window.knot_interval=0.1", "start.window=0.5"]
-    )  # so that there are marginals to take over
+    short = ["window.lag=0.6", "window.state_interval=0.1", "start.window=0.5"]
+    # So that there are marginals to take over, and that it is fast again soon.
+    config = load_config(None, [*short, "window.careful_updates=3"])
     plain, _ = run_window(made, config)
     solve, calls = FixedLagSmoother._solve, []
 
@@ -398,7 +402,6 @@ def test_an_indeterminate_system_is_solved_by_careful_steps_and_nothing_is_lost(
         return solved
 
     monkeypatch.setattr(FixedLagSmoother, "_solve", fails_once)
-    monkeypatch.setattr("ruledgraph.backend.fixed_lag_smoother._CAREFUL_UPDATES", 3)
     window, _ = run_window(made, config)
     assert calls[9:14] == [False, True, True, True, False]  # and fast again
     assert [text.count("Indeterminate") for text in window.recoveries] == [1]

@@ -13,9 +13,9 @@ from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother, SmootherErro
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.start import Start
 from ruledgraph.calibration.sensors import Calibration
-from ruledgraph.core.config import load_config
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Gap, Measurement
+from ruledgraph.core.settings import load_config
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.evaluation import alignment
 from ruledgraph.imu.camera_clock import concern, followed
@@ -52,7 +52,7 @@ def run_window(made: IdealTracks, offset: float, following: bool = True) -> Wind
         window.optimize()
         assert window.time_offset is not None
         if following:
-            correction = followed(correction, window.time_offset)
+            correction = followed(correction, window.time_offset, ON.time_offset)
     return window
 
 
@@ -103,9 +103,9 @@ def test_a_smoother_that_is_rebuilt_keeps_the_offset(monkeypatch):
 
 
 def test_a_correction_follows_in_steps_that_keep_frames_in_order():
-    assert followed(0.001, TimeOffset(0.0015, 1e-4)) == pytest.approx(0.0015)
-    assert followed(0.001, TimeOffset(0.02, 1e-4)) == pytest.approx(0.003)
-    assert followed(0.001, TimeOffset(-0.02, 1e-4)) == pytest.approx(-0.001)
+    assert followed(0.001, TimeOffset(0.0015, 1e-4), ON.time_offset) == pytest.approx(0.0015)
+    assert followed(0.001, TimeOffset(0.02, 1e-4), ON.time_offset) == pytest.approx(0.003)
+    assert followed(0.001, TimeOffset(-0.02, 1e-4), ON.time_offset) == pytest.approx(-0.001)
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_a_correction_follows_in_steps_that_keep_frames_in_order():
     ],
 )
 def test_an_offset_far_from_the_calibration_is_told(correction, offset, warned):
-    message = concern(correction, offset, 0.0021)
+    message = concern(correction, offset, 0.0021, ON.time_offset)
     assert (message is not None) == warned
     if message and offset.value > 0.0:
         assert "7.1 ms after" in message

@@ -3,18 +3,19 @@
 
 import pytest
 
-from ruledgraph.core.config import Config, ConfigError, config_text, load_config
+from ruledgraph.core.config import Config
+from ruledgraph.core.settings import ConfigError, config_text, load_config, settings_table
 
 
 def test_command_line_before_file_before_default(tmp_path):
     file = tmp_path / "settings.yaml"
-    file.write_text("window:\n  lag: 2.5\n  robust: 2\nedges:\n  bounded: false\n")
+    file.write_text("window:\n  lag: 2.5\nimu:\n  spike_rate: 2e-01\nedges:\n  bounded: false\n")
     config = load_config(file, ["window.lag=3e0", "edges.detector=hough"])
     assert config.window.lag == 3.0
-    assert config.window.robust == 2.0
+    assert config.imu.spike_rate == 0.2
     assert config.edges.bounded is False
     assert config.edges.detector == "hough"
-    assert config.window.knot_interval == Config().window.knot_interval
+    assert config.window.state_interval == Config().window.state_interval
 
 
 def test_what_is_written_reads_back(tmp_path):
@@ -24,19 +25,47 @@ def test_what_is_written_reads_back(tmp_path):
     assert load_config(file) == config
 
 
+def test_what_is_written_explains_itself():
+    text = config_text(load_config(None, ["edges.sigma_px=0.35"]))
+    assert "  # Standard deviation of an edge point. Default: 0.5 px\n  sigma_px: 0.35\n" in text
+
+
+def test_every_setting_has_a_default_a_range_and_a_meaning():
+    listed = settings_table()
+    assert {setting.section for setting in listed} == set(Config.model_fields)
+    for setting in listed:
+        assert setting.meaning.endswith((".", " ...")), setting
+        name = f"{setting.section}.{setting.key}"
+        chosen = load_config(None, [f"{name}={setting.default}"])
+        assert chosen == Config()
+        if " to " in setting.choices:
+            ends = [end.replace(",", "") for end in setting.choices.split(" to ")]
+            assert float(ends[0]) <= float(setting.default) <= float(ends[1])
+
+
+def test_a_value_of_the_file_that_is_wrong_is_named_with_the_file(tmp_path):
+    file = tmp_path / "settings.yaml"
+    file.write_text("window:\n  lag: 100\n")
+    with pytest.raises(ConfigError, match=r"settings.yaml: window.lag: must lie in 0.04 to 60 s"):
+        load_config(file)
+
+
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ("window.lagg=2", "--set no setting window.lagg; there are knot_interval, lag, robust"),
-        ("windows.lag=2", "--set no section 'windows'; there are edges, window, start"),
+        ("window.lagg=2", "--set no setting window.lagg; there are state_interval, lag, updates"),
+        ("windows.lag=2", "--set no section 'windows'; there are edges, tracks, lines, window"),
         ("window.lag=long", "--set window.lag: 'long' is not a number"),
         ("window.lag=nan", "--set window.lag: must lie in"),
         ("edges.max_lines=2.5", "'2.5' is not a whole number"),
         ("edges.bounded=maybe", "'maybe' is not true or false"),
         ("edges.detector=canny", "'canny' is none of lsd, hough"),
         ("window.lag=0.01", "--set window.lag: must lie in 0.04 to 60 s"),
-        ("window.lag=0.7", "window.lag must hold 4 times window.knot_interval"),
-        ("start.window=9", "start.window must not exceed window.lag"),
+        ("window.lag=0.7", "window.lag must hold 4 times window.state_interval"),
+        ("start.window=9", "window.lag must be no less than start.window"),
+        ("tracks.min_track_age=2", "window.lag must exceed tracks.min_track_age"),
+        ("edges.min_length=1", "--set edges.min_length: must lie in 20 to 10,000 px"),
+        ("window.updates=-1", "--set window.updates: must lie in 0 to 20"),
         ("window", "--set window: write section.key=value"),
     ],
 )
@@ -65,5 +94,5 @@ def test_wrong_files_are_named(tmp_path, text, message):
 
 
 def test_settings_that_bound_each_other_come_in_any_order():
-    settings = ["window.lag=0.6", "window.knot_interval=0.1", "start.window=0.5"]
+    settings = ["window.lag=0.6", "window.state_interval=0.1", "start.window=0.5"]
     assert load_config(None, settings) == load_config(None, settings[::-1])

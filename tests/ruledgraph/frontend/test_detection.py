@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from edge_images import CAMERA, edge_image, line_through
-from ruledgraph.core.config import EdgesConfig
+from ruledgraph.core.config import EdgesConfig, TracksConfig
 from ruledgraph.core.measurements import Frame
 from ruledgraph.frontend.detection import Detection
 from ruledgraph.frontend.gradient import Gradient
@@ -21,7 +21,7 @@ GRADIENT = Gradient(FRAME.image)
 
 
 def test_tracks_start_in_the_frame_that_was_searched():
-    tracker, begun = Tracker(CAMERA, EdgesConfig()), threading.Event()
+    tracker, begun = Tracker(CAMERA, EdgesConfig(), TracksConfig()), threading.Event()
 
     def detector(image):
         assert begun.wait(10.0), "`begin` waits for the detector"
@@ -49,7 +49,7 @@ def test_tracks_start_in_the_frame_that_was_searched():
 
 
 def test_the_clock_of_the_frames_is_corrected_in_between():
-    tracker = Tracker(CAMERA, EdgesConfig())
+    tracker = Tracker(CAMERA, EdgesConfig(), TracksConfig())
     detection = Detection(tracker, lambda _: CAMERA.distort(LEVEL).pixels[None])
     detection.begin(FRAME, GRADIENT, 0.5)
     detection.retime(-0.02)
@@ -60,7 +60,7 @@ def test_the_clock_of_the_frames_is_corrected_in_between():
 
 
 def test_lost_tracks_are_in_no_ones_way():
-    tracker = Tracker(CAMERA, EdgesConfig(max_lines=2))
+    tracker = Tracker(CAMERA, EdgesConfig(max_lines=2), TracksConfig())
     detection = Detection(tracker, lambda _: CAMERA.distort(LEVEL).pixels[None])
     for _ in range(2):
         detection.begin(FRAME, GRADIENT, 0.5)
@@ -71,7 +71,7 @@ def test_lost_tracks_are_in_no_ones_way():
 
 
 def test_what_is_forgotten_starts_nothing():
-    tracker = Tracker(CAMERA, EdgesConfig())
+    tracker = Tracker(CAMERA, EdgesConfig(), TracksConfig())
     detection = Detection(tracker, lambda _: CAMERA.distort(LEVEL).pixels[None])
     detection.begin(FRAME, GRADIENT, 0.5)
     detection.forget()
@@ -83,7 +83,7 @@ def test_what_goes_wrong_in_the_thread_is_raised():
     def detector(_):
         raise ValueError("no such image")
 
-    detection = Detection(Tracker(CAMERA, EdgesConfig()), detector)
+    detection = Detection(Tracker(CAMERA, EdgesConfig(), TracksConfig()), detector)
     detection.begin(FRAME, GRADIENT, 0.5)
     with pytest.raises(ValueError, match="no such image"):
         detection.start_tracks()
@@ -103,7 +103,7 @@ def test_what_is_prefetched_is_searched_once_and_the_same():
         done[id(image)].set()
         return CAMERA.distort(LEVEL).pixels[None]
 
-    detection = Detection(Tracker(CAMERA, EdgesConfig()), detector)
+    detection = Detection(Tracker(CAMERA, EdgesConfig(), TracksConfig()), detector)
     for i in range(40):
         # The reader is ten frames ahead. Every fourth frame is searched, later every tenth.
         detection.prefetch(coming[i + 10])
@@ -127,7 +127,7 @@ def test_another_image_of_the_same_stamp_is_searched_itself():
         return np.zeros((0, 2, 2))
 
     coming = frames(9)
-    detection = Detection(Tracker(CAMERA, EdgesConfig()), detector)
+    detection = Detection(Tracker(CAMERA, EdgesConfig(), TracksConfig()), detector)
     for i in (0, 4):
         detection.begin(coming[i], GRADIENT, 0.05 * i)
     for frame in coming[5:]:
@@ -145,7 +145,7 @@ def test_frames_that_are_never_searched_do_not_pile_up():
         searched.append(image)
         return np.zeros((0, 2, 2))
 
-    detection = Detection(Tracker(CAMERA, EdgesConfig()), detector)
+    detection = Detection(Tracker(CAMERA, EdgesConfig(), TracksConfig()), detector)
     coming = frames(400)
     for i in (0, 4):
         detection.begin(coming[i], GRADIENT, 0.05 * i)

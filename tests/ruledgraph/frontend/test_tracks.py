@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from edge_images import CAMERA, edge_image, line_through
-from ruledgraph.core.config import EdgesConfig
+from ruledgraph.core.config import EdgesConfig, TracksConfig
 from ruledgraph.frontend.edge_batch import Rulings
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.tracks import Tracker
@@ -38,7 +38,7 @@ def started(tracker: Tracker, gradient: Gradient, *lines: np.ndarray) -> list[in
 
 
 def test_a_line_is_started_once_whether_it_comes_twice_or_again():
-    tracker, gradient = Tracker(CAMERA, EdgesConfig()), scene(LEVEL, STEEP)
+    tracker, gradient = Tracker(CAMERA, EdgesConfig(), TracksConfig()), scene(LEVEL, STEEP)
     # The second one is a part of the first, 2 px beside it.
     part = LEVEL[0] + [[0.1], [0.8]] * (LEVEL[1] - LEVEL[0]) + [0.0, 2.0 / CAMERA.focal_length]
     assert started(tracker, gradient, LEVEL, part, STEEP) == [1, 2]
@@ -52,18 +52,18 @@ def test_a_line_is_started_once_whether_it_comes_twice_or_again():
 
 
 def test_no_more_lines_than_wanted_and_none_where_nothing_is():
-    two = Tracker(CAMERA, EdgesConfig(max_lines=2))
+    two = Tracker(CAMERA, EdgesConfig(max_lines=2), TracksConfig())
     third = np.array([[-0.1, 0.35], [0.35, 0.2]])
     gradient = scene(LEVEL, STEEP, third)
     assert started(two, gradient, LEVEL, STEEP, third) == [1, 2]
     assert started(two, gradient, third) == []
     blank = Gradient(np.full((CAMERA.height, CAMERA.width), 90, np.uint8))
-    assert started(Tracker(CAMERA, EdgesConfig()), blank, LEVEL, STEEP) == []
+    assert started(Tracker(CAMERA, EdgesConfig(), TracksConfig()), blank, LEVEL, STEEP) == []
 
 
 @pytest.mark.parametrize("oldest", [0, 1])
 def test_of_tracks_on_one_line_the_oldest_stays(oldest):
-    tracker, gradient = Tracker(CAMERA, EdgesConfig()), scene(LEVEL, STEEP)
+    tracker, gradient = Tracker(CAMERA, EdgesConfig(), TracksConfig()), scene(LEVEL, STEEP)
     assert started(tracker, gradient, LEVEL, STEEP) == [1, 2]
     for i, track in enumerate(tracker.tracks):
         track.born = float(i != oldest)
@@ -74,7 +74,7 @@ def test_of_tracks_on_one_line_the_oldest_stays(oldest):
 
 
 def test_motion_of_the_image_is_that_across_lines_since_a_frame():
-    tracker = Tracker(CAMERA, EdgesConfig())
+    tracker = Tracker(CAMERA, EdgesConfig(), TracksConfig())
     lines = LEVEL, STEEP, np.array([[-0.1, 0.35], [0.35, 0.2]])
     assert len(started(tracker, scene(*lines), *lines)) == 3
     assert tracker.image_motion(since=0) == 0.0
@@ -92,7 +92,8 @@ def test_motion_of_the_image_is_that_across_lines_since_a_frame():
 
 
 def test_a_frame_counts_for_no_more_than_was_configured():
-    tracker, gradient = Tracker(CAMERA, EdgesConfig(effective_points=12.0)), scene(LEVEL)
+    edges = EdgesConfig(effective_points=12.0)
+    tracker, gradient = Tracker(CAMERA, edges, TracksConfig()), scene(LEVEL)
     assert started(tracker, gradient, LEVEL) == [1]
     tracker.follow(1, 0.05, gradient, where_they_are(tracker))
     first, second = tracker.tracks[0].sightings
@@ -104,7 +105,7 @@ def test_a_frame_counts_for_no_more_than_was_configured():
 
 
 def test_a_line_that_is_not_there_is_missed_until_it_is_lost():
-    tracker = Tracker(CAMERA, EdgesConfig())
+    tracker = Tracker(CAMERA, EdgesConfig(), TracksConfig())
     assert started(tracker, scene(LEVEL, STEEP), LEVEL, STEEP) == [1, 2]
     level, steep = tracker.tracks
     for i in range(1, 5):
@@ -123,7 +124,7 @@ def test_a_line_that_is_not_there_is_missed_until_it_is_lost():
 
 
 def test_a_line_out_of_view_is_lost_at_once():
-    tracker = Tracker(CAMERA, EdgesConfig())
+    tracker = Tracker(CAMERA, EdgesConfig(), TracksConfig())
     assert started(tracker, scene(LEVEL, STEEP), LEVEL, STEEP) == [1, 2]
     rulings = where_they_are(tracker)
     rulings.ends[0] += [0.0, 3.0]
@@ -132,7 +133,7 @@ def test_a_line_out_of_view_is_lost_at_once():
 
 
 def test_of_two_lines_in_the_band_neither_is_taken():
-    tracker = Tracker(CAMERA, EdgesConfig())
+    tracker = Tracker(CAMERA, EdgesConfig(), TracksConfig())
     assert started(tracker, scene(LEVEL), LEVEL) == [1]
     apart = np.array([0.0, 6.0 / CAMERA.focal_length])
     # A bright stripe's two edges have opposite slopes: two steps of like polarity instead.
@@ -144,7 +145,7 @@ def test_of_two_lines_in_the_band_neither_is_taken():
 
 
 def test_every_track_needs_its_ruling():
-    tracker, gradient = Tracker(CAMERA, EdgesConfig()), scene(LEVEL, STEEP)
+    tracker, gradient = Tracker(CAMERA, EdgesConfig(), TracksConfig()), scene(LEVEL, STEEP)
     assert started(tracker, gradient, LEVEL, STEEP) == [1, 2]
     with pytest.raises(ValueError, match="shorter"):
         tracker.follow(1, 0.05, gradient, where_they_are(tracker).part([0]))

@@ -42,7 +42,7 @@ def run(segments=MANY, late: float = 0.0, noise_times: float = 1.0, seed: int = 
     )
     window = Window(calibration, Config(), start)
     warnings = Messages()
-    monitor = IntegrityMonitor(BODY_T_CAM, Drift(), warnings)
+    monitor = IntegrityMonitor(Drift(), warnings, Config())
     stamps, times = made.stamps[1:], made.times[1:].tolist()
     for first in range(0, len(times) - 3, 3):
         part = slice(first, first + 3)
@@ -67,7 +67,7 @@ def test_images_and_imu_that_agree(noise_times):
     assert warnings == []
     assert not monitor.disagree
     assert not monitor.parallel
-    assert imu_error(window) < 12.0
+    assert imu_error(window, Config().integrity) < 12.0
     # Fits are good: covariances become a little smaller.
     own = window.newest.covariances[0][3:, 3:]
     share = 1.0 + shown(window, monitor)[0, 0] / own[0, 0]
@@ -146,7 +146,7 @@ def test_nobody_looks_at_rest_so_nothing_is_lost_then():
 def test_points_that_are_off_by_what_they_should_be():
     """Median of |z| over that of a normal variable; below 1, since the lines are fitted to them."""
     window, _, _ = run()
-    scale = line_scale(window)
+    scale = line_scale(window, Config().integrity)
     assert scale is not None
     assert 0.5 < scale < 1.0
 
@@ -188,7 +188,7 @@ def test_covariances_grow_with_how_far_lines_are_from_their_points():
         window, _, _ = run()
         for interval in window.intervals:
             vars(interval).update(change)
-        assert line_scale(window) is None
+        assert line_scale(window, Config().integrity) is None
 
 
 def test_a_place_that_drifts_on_is_further_off():

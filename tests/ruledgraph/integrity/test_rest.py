@@ -4,6 +4,7 @@
 import numpy as np
 
 from ideal_tracks import CALIBRATION, IdealTracks, at_rest, ideal_tracks
+from ruledgraph.core.config import RestConfig
 from ruledgraph.core.timing import Messages
 from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.imu.synchronizer import Synchronizer
@@ -18,11 +19,11 @@ def is_still(made: IdealTracks, image_motion: float, since: float | None = None)
         sensors.frames.append(FrameTime(stamp, time))
     asked = []
 
-    def motion(stamp: int) -> float:
+    def motion(stamp: int, _min_lines: int) -> float:
         asked.append(stamp)
         return image_motion
 
-    still = RestDetector(sensors, motion).is_still(0.8, since)
+    still = RestDetector(sensors, motion, RestConfig()).is_still(0.8, since)
     if since is not None and still:
         assert abs(asked[-1] * 1e-9 - since) < 0.04  # the frame then, at 30 Hz
     return still

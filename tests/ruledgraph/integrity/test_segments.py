@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from ruledgraph.backend.start import Start
+from ruledgraph.backend.states import Knot
+from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.integrity.segments import Drift, Ended, Trial, continued, heading
 
+LIMITS = IntegrityConfig()
 MOUNTINGS = (gtsam.Rot3(), gtsam.Rot3.Ry(-np.pi / 2), gtsam.Rot3.Rx(-np.pi / 2))
 CERTAIN = (np.eye(6) * 1e-6, np.eye(3) * 1e-6, np.eye(6) * 1e-6)
 
@@ -42,7 +45,7 @@ def test_a_segment_goes_on_where_the_last_one_ended(mounting):
     pose = gtsam.Pose3(gtsam.Rot3.Yaw(1.0) * tilted, np.array([1.0, 2.0, 3.0]))
     ended = Ended(10.0, pose, np.array([0.3, 0.0, 0.0]), CERTAIN)
     fresh = start_at(gtsam.Pose3(gtsam.Rot3.Yaw(-2.0) * tilted, np.array([5.0, 5.0, 5.0])), 10.01)
-    start, drift = continued(fresh, ended)
+    start, drift = continued(fresh, ended, LIMITS)
     assert start.state.attitude().equals(pose.rotation(), 1e-6)
     np.testing.assert_allclose(start.state.position(), [1.003, 2.0, 3.0], atol=1e-4)
     assert np.sqrt(np.trace(drift.place)) < 0.01
@@ -53,7 +56,7 @@ def test_what_a_gap_leaves_open_grows_with_it():
     ended = Ended(10.0, pose, np.array([2.0, 0.0, 0.0]), CERTAIN)
     sigmas = []
     for gap in (0.1, 1.0, 5.0):
-        start, drift = continued(start_at(gtsam.Pose3(), 10.0 + gap), ended)
+        start, drift = continued(start_at(gtsam.Pose3(), 10.0 + gap), ended, LIMITS)
         off = start.state.position() - (pose.translation() + gap * ended.velocity)
         assert off @ np.linalg.solve(drift.place, off) < 1.5  # had it gone on as it went
         sigmas.append([np.sqrt(np.trace(drift.place)), np.sqrt(drift.heading)])
@@ -80,12 +83,12 @@ def test_drift_in_covariances():
 
 def window_at(time: float, lines, velocity=0.0):
     state = gtsam.NavState(gtsam.Pose3(), np.array([velocity, 0.0, 0.0]))
-    knot = SimpleNamespace(time=time, state=state, bias=gtsam.imuBias.ConstantBias())
+    knot = Knot(0, time, state, gtsam.imuBias.ConstantBias(), CERTAIN)
     return SimpleNamespace(newest=knot, lines=dict.fromkeys(lines))
 
 
 def test_a_trial_is_passed_by_lines_that_stay():
-    trial = Trial(start_at(gtsam.Pose3(), lines=range(6)), 1.0)
+    trial = Trial(start_at(gtsam.Pose3(), lines=range(6)), 1.0, LIMITS)
     for time in (1.0, 1.2, 1.4):
         assert not trial.passed(window_at(time, range(20)))
     assert trial.passed(window_at(1.8, [0, 1, 2, 3, 17]))
@@ -93,10 +96,10 @@ def test_a_trial_is_passed_by_lines_that_stay():
 
 
 def test_a_trial_fails_when_lines_go_or_the_state_is_absurd():
-    trial = Trial(start_at(gtsam.Pose3(), lines=range(6)), 1.0)
+    trial = Trial(start_at(gtsam.Pose3(), lines=range(6)), 1.0, LIMITS)
     assert not trial.passed(window_at(1.0, range(6)))
     assert not trial.passed(window_at(1.3, [0, 1]))
     assert trial.trouble == "4 of its 6 lines did not fit for long"
-    fast = Trial(start_at(gtsam.Pose3(), lines=range(6)), 1.0)
+    fast = Trial(start_at(gtsam.Pose3(), lines=range(6)), 1.0, LIMITS)
     assert not fast.passed(window_at(2.0, range(6), velocity=30.0))
     assert "implausible" in fast.trouble

@@ -16,7 +16,7 @@ from click.testing import CliRunner, Result
 
 from ruledgraph.app.cli import main
 from ruledgraph.app.runner import run
-from ruledgraph.core.config import load_config
+from ruledgraph.core.settings import load_config
 from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation.ground_truth import GroundTruth
 from small_simulation import small_simulation, small_stream
@@ -194,7 +194,7 @@ def test_several_runs_are_compared(finished, truth, tmp_path):
     assert "2 runs compared" in found.text
     assert re.search(r"2\. second \d+\.\d 0\.0 ", found.text)
     assert "window.lag 1.4 2.0" in found.text
-    assert "window.robust" not in found.text
+    assert "lines.cauchy_scale_px" not in found.text
     titles = [title for title, _ in found.images()]
     assert titles[0] == "Position error of the smoothed trajectories, aligned"
     assert titles.count("Position error, aligned") == 2
