@@ -24,12 +24,15 @@ from ruledgraph.frontend.prefetch import Foreseen
 from ruledgraph.frontend.ruling_prediction import CameraMotion, predict
 from ruledgraph.frontend.tracks import Tracker
 from ruledgraph.imu.synchronizer import Intake, image_fault
-from ruledgraph.initialization.initializer import Refusal, is_still, start_at_rest, start_in_motion
+from ruledgraph.initialization.at_rest import is_still
+from ruledgraph.initialization.initializer import Initializer
+from ruledgraph.initialization.prior import Refusal
+from ruledgraph.initialization.trial import Trial
 from ruledgraph.integrity.monitor import Trust
-from ruledgraph.integrity.segments import Drift, Ended, Trial, continued
+from ruledgraph.integrity.segments import Drift, Ended, continued
 
-# How long rest must last, s, and how often a start is tried.
-_REST, _BETWEEN_ATTEMPTS = 0.4, 0.25
+# How long rest must last, s.
+_REST = 0.4
 # Frames and knots at these intervals (s) are on time when they come this much early.
 _EARLY = 0.004
 # At rest the window is solved this often (s), while the image has not moved since by more, px.
@@ -74,7 +77,8 @@ class Odometry(Output):
         self._intake = Intake(calibration, self.warnings)
         self._imu = self._intake.imu
         self._frames: deque[_Seen] = deque()
-        self._last_attempt = self._last_lines = -np.inf
+        self._initializer = Initializer(calibration, self.config)
+        self._last_lines = -np.inf
         # At rest new lines are looked for, and the window is solved, this often, s.
         self._idle = min(self.config.window.lag / 2.0, _IDLE)
         self._state = gtsam.NavState()
@@ -270,23 +274,12 @@ class Odometry(Output):
 
     def _try_start(self, seen: _Seen) -> bool:
         """Begin a window if what was seen so far allows it."""
-        if seen.time - self._last_attempt < _BETWEEN_ATTEMPTS:
+        if not self._initializer.is_due(seen.time):
             return False
-        length = self.config.start.window
-        if self._is_still(seen.time):
-            used = [seen]
-            result = start_at_rest(self._imu, seen.stamp, seen.time - _REST, seen.time, self.config)
-        elif self._imu.doubts(seen.time - length, seen.time):
+        rest = seen.time - _REST if self._is_still(seen.time) else None
+        result = self._initializer.attempt(self._imu, self._frames, self.tracker.tracks, rest)
+        if result is None:
             return False
-        elif seen.time - self._frames[0].time >= length - _EARLY:
-            used = [f for f in self._frames if f.time >= seen.time - length - _EARLY]
-            stamps, times = [f.stamp for f in used], [f.time for f in used]
-            result = start_in_motion(
-                self._imu, stamps, times, self.tracker.tracks, self.calibration, self.config
-            )
-        else:
-            return False
-        self._last_attempt = seen.time
         if isinstance(result, Refusal):
             self._retimed = False
             self.warnings.append(f"no start at {seen.time:.2f} s: {result.reason}")
@@ -305,6 +298,7 @@ class Odometry(Output):
         self._segment += 1
         self._last_lines = seen.time
         self._state = self.window.newest.state
+        used = [frame for frame in self._frames if frame.stamp >= result.stamp]
         pending: list[_Seen] = []
         for frame in used[1:]:
             pending.append(frame)
@@ -318,7 +312,8 @@ class Odometry(Output):
 
     def _retime(self, change: float) -> None:
         """Move all frames in time before a start that is tried again with the next one."""
-        self._retimed, self._last_attempt = True, -np.inf
+        self._retimed = True
+        self._initializer.wait_from(-np.inf)
         self._intake.correction += change
         latest = self._imu.latest
         moved = (frame._replace(time=frame.time + change) for frame in self._frames)
@@ -339,7 +334,7 @@ class Odometry(Output):
             self._live_by_stamp.clear()
             self._last = self._before
             self._segment -= 1
-            self._last_attempt = time
+            self._initializer.wait_from(time)
             return False
         if passed:
             self._end_trial()

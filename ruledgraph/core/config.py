@@ -72,15 +72,39 @@ class WindowConfig:
 class StartConfig:
     """Start at rest or in motion."""
 
-    window: float = 1.0
-    """Length of the first window of a start in motion, s."""
+    window: float = 1.25
+    """Longest first window of a start in motion, s: within the smoother's lag."""
+    shortest: float = 0.6
+    """Shortest first window, s: a dozen frames at 20 Hz."""
+    velocity_sigma: float = 0.04
+    """A start is made when the velocity is known this well at both ends of its window, gravity's
+    direction and the biases being unknown, m/s: a few percent of a walk, and so of the scale."""
+    outlier_share: float = 0.2
+    """... and no more of its sightings contradict it than this: tracks that jumped to other edges,
+    or are on things that move."""
+    confidence: float = 0.99
+    """Of the chi-square tests of sightings and of rival hypotheses."""
+    sigma_px: float = 1.0
+    """Standard deviation of an edge point in the batch problem, px: twice that of the smoother, as
+    a track's points err together."""
+    velocity: float = 3.0
+    """Standard deviation of the velocity before the start, m/s: of what is carried or flown."""
+    tilt: float = 0.5
+    """The same of the tilt from the mean specific force, rad: 5 m/s^2 of mean acceleration."""
     gyroscope_bias: float = 0.1
-    """Standard deviation before the start, rad/s."""
-    accelerometer_bias: float = 0.1
-    """The same, m/s^2."""
+    """The same of the gyroscope's bias, rad/s."""
+    accelerometer_bias: float = 0.3
+    """The same of the accelerometer's, m/s^2: consumer and MAV IMUs have up to 0.6."""
 
     def __post_init__(self) -> None:
         _require(0.4 <= self.window <= 10.0, "window: must lie in 0.4 to 10 s")
+        _require(0.2 <= self.shortest <= 10.0, "shortest: must lie in 0.2 to 10 s")
+        _require(1e-3 <= self.velocity_sigma <= 1.0, "velocity_sigma: must lie in 0.001 to 1 m/s")
+        _require(0.0 <= self.outlier_share <= 0.5, "outlier_share: must lie in 0 to 0.5")
+        _require(0.5 <= self.confidence < 1.0, "confidence: must lie in 0.5 to 1")
+        _require(0.05 <= self.sigma_px <= 20.0, "sigma_px: must lie in 0.05 to 20 px")
+        _require(0.1 <= self.velocity <= 100.0, "velocity: must lie in 0.1 to 100 m/s")
+        _require(0.01 <= self.tilt <= 1.5, "tilt: must lie in 0.01 to 1.5 rad")
         _require(1e-4 <= self.gyroscope_bias <= 1.0, "gyroscope_bias: must lie in 1e-4 to 1 rad/s")
         _require(
             1e-3 <= self.accelerometer_bias <= 5.0,

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where segments begin: after the end of another one, and whether a start in motion holds."""
+"""Where segments begin: after the end of another one."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeAlias
@@ -8,7 +8,6 @@ from typing import NamedTuple, TypeAlias
 import gtsam
 import numpy as np
 
-from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import Start
 from ruledgraph.calibration.sensors import FloatArray
 
@@ -20,10 +19,6 @@ _UP = np.array([0.0, 0.0, 1.0])
 _FADES = 0.5
 # What a gap leaves open, deviations: acceleration, m/s^2, and turning about the vertical, rad/s.
 _OPEN_ACCELERATION, _OPEN_TURN = 1.0, 0.3
-# A start in motion is on trial for so long, s. When less than this share of its lines has stayed,
-# or beyond these (m/s, rad/s, m/s^2), it was none.
-_TRIAL, _LEAST_STAY = 0.7, 0.5
-_FASTEST, _WORST_GYROSCOPE, _WORST_ACCELEROMETER = 20.0, 0.25, 1.5
 
 
 def heading(ours: FloatArray, other: FloatArray) -> gtsam.Rot3:
@@ -100,29 +95,3 @@ def continued(start: Start, ended: Ended) -> tuple[Start, Drift]:
     up = attitude.T @ _UP
     open_heading = float(up @ of_pose[:3, :3] @ up) + (_OPEN_TURN * gap) ** 2
     return start.moved(gtsam.Pose3(turn, shift)), Drift(open_place, open_heading, place)
-
-
-class Trial:
-    """A start in motion, made at a time, until most of its lines have been seen to stay."""
-
-    def __init__(self, start: Start, time: float) -> None:
-        self._numbers = set(start.lines)
-        self._entered: set[int] = set()
-        self._until = time + _TRIAL
-        self.trouble = ""
-        """Why it was none."""
-
-    def passed(self, window: Window) -> bool:
-        """Whether it is over and went well; look at `trouble` first."""
-        knot = window.newest
-        self._entered |= self._numbers & window.lines.keys()
-        gone = len(self._entered - window.lines.keys())
-        if gone > (1.0 - _LEAST_STAY) * len(self._numbers):
-            self.trouble = f"{gone} of its {len(self._numbers)} lines did not fit for long"
-        elif not (
-            np.linalg.norm(knot.state.velocity()) < _FASTEST
-            and np.linalg.norm(knot.bias.gyroscope()) < _WORST_GYROSCOPE
-            and np.linalg.norm(knot.bias.accelerometer()) < _WORST_ACCELEROMETER
-        ):
-            self.trouble = "its velocity or biases are implausible"
-        return not self.trouble and knot.time >= self._until

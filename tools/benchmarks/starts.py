@@ -78,16 +78,17 @@ def run_from(recorded: Recorded, duration: float, begin: float) -> Run:
     odometry = Odometry(calibration, load_config(None, recorded.settings))
     stream = open_recording(recorded.bag, start=begin, duration=duration).stream()
     live: list[Estimate] = []
-    first, count, handed_out = 0, 0, None
+    first, latest, count, handed_out = 0, 0, 0, None
     for measurement in stream:
         if isinstance(measurement, Frame):
-            first, count = first or measurement.stamp, count + 1
+            latest, count = measurement.stamp, count + 1
+            first = first or latest
         odometry.add(measurement)
         live += odometry.take_live()
         odometry.take_smoothed()
         odometry.take_lines()
         if live and handed_out is None:
-            handed_out = (measurement.stamp - first) * 1e-9
+            handed_out = (latest - first) * 1e-9
     odometry.finish()
     live += odometry.take_live()
     ate, worst, scale = _errors(live, truth)
@@ -129,12 +130,14 @@ def report(runs: Sequence[Run]) -> str:
         f"{'begin (s)':>9} {'delay (s)':>9} {'out (s)':>8} {'frames (%)':>10} {'doubtful (%)':>12} "
         f"{'ATE (mm)':>9} {'worst (mm)':>10} {'scale':>7}"
     ]
-    for run in runs:
-        lines.append(
+    lines += [
+        (
             f"{run.begin:9.2f} {_cell(run.delay, 2):>9} {_cell(run.handed_out, 2):>8} "
             f"{100 * run.frames:10.0f} {100 * run.degraded:12.0f} {_cell(run.ate, 1):>9} "
             f"{_cell(run.worst, 1):>10} {_cell(run.scale, 3):>7}"
         )
+        for run in runs
+    ]
     ates = np.array([np.inf if run.ate is None else run.ate for run in runs])
     delays = np.array([np.inf if run.delay is None else run.delay for run in runs])
     lines += [

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from ruledgraph.backend.states import Start
-from ruledgraph.integrity.segments import Drift, Ended, Trial, continued, heading
+from ruledgraph.initialization.trial import Trial
+from ruledgraph.integrity.segments import Drift, Ended, continued, heading
 
 MOUNTINGS = (gtsam.Rot3(), gtsam.Rot3.Ry(-np.pi / 2), gtsam.Rot3.Rx(-np.pi / 2))
 CERTAIN = (np.eye(6) * 1e-6, np.eye(3) * 1e-6, np.eye(6) * 1e-6)
