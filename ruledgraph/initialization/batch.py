@@ -87,6 +87,7 @@ class Batch:
         self.values.insert(_BIAS, bias)
         if self._shift is not None:
             self.values.insert(self._shift_key, 0.0)
+        self._cauchy_px = np.inf
         self.error = np.inf
 
     @classmethod
@@ -177,6 +178,7 @@ class Batch:
             RuntimeError: for a system that is indeterminate.
             FactorError: when a line comes out through its camera.
         """
+        self._cauchy_px = cauchy_px
         self._build(cauchy_px)
         params = gtsam.LevenbergMarquardtParams()
         params.setMaxIterations(_ITERATIONS)
@@ -187,11 +189,10 @@ class Batch:
         self.values = gtsam.LevenbergMarquardtOptimizer(self.graph, self.values, params).optimize()
         self.error = self.graph.error(self.values)
 
-    def triangulate_anew(self, cauchy_px: float) -> None:
+    def triangulate_anew(self) -> None:
         """Replace lines, stuck at a wrong distance or direction, that fit better when the motion
-        found so far places them.
+        found so far places them. Follows `solve`, whose loss it goes by.
         """
-        self._build(cauchy_px)
         before, values, charts = self._errors(), gtsam.Values(self.values), list(self._charts)
         cameras = self._cameras()
         for i, (_, frames, sightings) in enumerate(self._window.seen):
@@ -201,7 +202,7 @@ class Batch:
             if fit is not None:
                 self._charts[i] = fit.chart
                 self.values.update(_LINES + i, np.zeros(4))
-        self._build(cauchy_px)
+        self._build(self._cauchy_px)
         for i in np.flatnonzero(self._errors() > before - _BETTER).tolist():
             self._charts[i] = charts[i]
             self.values.update(_LINES + i, values.atVector(_LINES + i))

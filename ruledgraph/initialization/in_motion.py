@@ -113,7 +113,7 @@ def _rounds(make: Callable[[], Batch]) -> Batch:
 
 def _polished(batch: Batch) -> Batch:
     for cauchy in _NARROW:
-        batch.triangulate_anew(_LAST)
+        batch.triangulate_anew()
         batch.solve(cauchy)
     batch.solve(_LAST)
     return batch

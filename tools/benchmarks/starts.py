@@ -152,6 +152,12 @@ def report(runs: Sequence[Run]) -> str:
     return "\n".join(lines)
 
 
+def _told(run: Run) -> Run:
+    error = "no pose" if run.ate is None else f"ATE {run.ate:.1f} mm"
+    click.echo(f"begun at {run.begin:g} s: {error}, after {_cell(run.delay, 2)} s", err=True)
+    return run
+
+
 def _cell(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
@@ -184,10 +190,10 @@ def main(
     one = partial(run_from, Recorded(bag, calibration, truth, settings), duration)
     try:
         if processes == 1:
-            runs = [one(moment) for moment in moments]
+            runs = [_told(one(moment)) for moment in moments]
         else:
             with multiprocessing.get_context("spawn").Pool(processes) as pool:
-                runs = pool.map(one, moments, chunksize=1)
+                runs = [_told(run) for run in pool.imap(one, moments)]
     except RuledgraphError as error:
         click.echo(f"starts: {error}", err=True)
         sys.exit(2)
