@@ -72,13 +72,13 @@ def start_in_motion(
         return Refusal(f"{len(seen)} lines were followed long enough, {_FEWEST_LINES} are needed")
     samples = imu.between(times[0], times[-1])
     window = Window(samples, list(times[::step]), seen, calibration, config)
-    best = _solved(window)
+    best = solved(window)
     if not best:
         return Refusal("no start converged")
     return _judged(best, window, stamps[0])
 
 
-def _solved(window: Window) -> list[Batch]:
+def solved(window: Window) -> list[Batch]:
     """The best hypotheses, best first."""
     rough = filter(None, (_tried(_rounds, make) for make in _hypotheses(window)))
     best = sorted(rough, key=lambda batch: batch.error)[:_BEST]
