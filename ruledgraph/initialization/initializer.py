@@ -74,9 +74,13 @@ class Initializer:
             return start_at_rest(imu, last.stamp, rest_since, last.time, self._config)
         start, refusal = self._config.start, None
         available = last.time - frames[0].time
-        for length in dict.fromkeys((min(start.window, available), start.shortest)):
-            is_seen = start.shortest - _EARLY <= length <= available + _EARLY
-            if not is_seen or imu.doubts(last.time - length, last.time):
+        if available < start.shortest - _EARLY:
+            return None
+        lengths = [min(start.window, available)]
+        if lengths[0] > start.shortest + _EARLY:
+            lengths.append(start.shortest)
+        for length in lengths:
+            if imu.doubts(last.time - length, last.time):
                 continue
             used = [f for f in frames if f.time >= last.time - length - _EARLY]
             stamps, times = [f.stamp for f in used], [f.time for f in used]

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from starts import Run, report
+from benchmarks.starts import Run, report
 
 
 def made(begin: float, delay: float | None, ate: float | None) -> Run:

@@ -140,12 +140,13 @@ def report(runs: Sequence[Run]) -> str:
     ]
     ates = np.array([np.inf if run.ate is None else run.ate for run in runs])
     delays = np.array([np.inf if run.delay is None else run.delay for run in runs])
+    most = np.quantile(ates, 0.9, method="higher")
     lines += [
         "",
         f"{len(runs)} starts: first pose after {np.median(delays):.2f} s (median), "
         f"{np.max(delays):.2f} s at most, {np.mean(delays <= _SOON):.0%} within {_SOON:g} s",
         f"frames with a pose: {np.mean([run.frames for run in runs]):.1%}",
-        f"ATE: median {np.median(ates):.1f} mm, 90 % below {np.quantile(ates, 0.9):.1f} mm, "
+        f"ATE: median {np.median(ates):.1f} mm, 90 % up to {most:.1f} mm, "
         f"worst {np.max(ates):.1f} mm; "
         + ", ".join(f"{np.sum(ates > limit)} over {limit:g} mm" for limit in _LIMITS),
     ]
