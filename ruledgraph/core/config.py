@@ -75,7 +75,7 @@ class StartConfig:
     window: float = 1.25
     """Longest first window of a start in motion, s: within the smoother's lag."""
     shortest: float = 0.6
-    """Shortest first window, s: a dozen frames at 20 Hz."""
+    """Shortest first window, s: a dozen frames at 20 Hz. Where `window` is less, that counts."""
     velocity_sigma: float = 0.04
     """A start is made when the velocity is known this well at both ends of its window, gravity's
     direction and the biases being unknown, m/s: a few percent of a walk, and so of the scale."""

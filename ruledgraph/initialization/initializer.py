@@ -74,11 +74,12 @@ class Initializer:
             return start_at_rest(imu, last.stamp, rest_since, last.time, self._config)
         start, refusal = self._config.start, None
         available = last.time - frames[0].time
-        if available < start.shortest - _EARLY:
+        shortest = min(start.shortest, start.window)
+        if available < shortest - _EARLY:
             return None
         lengths = [min(start.window, available)]
-        if lengths[0] > start.shortest + _EARLY:
-            lengths.append(start.shortest)
+        if lengths[0] > shortest + _EARLY:
+            lengths.append(shortest)
         for length in lengths:
             if imu.doubts(last.time - length, last.time):
                 continue
