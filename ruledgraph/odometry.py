@@ -18,10 +18,11 @@ from ruledgraph.imu.camera_clock import CameraClock
 from ruledgraph.imu.frame_history import EARLY, FrameTime
 from ruledgraph.imu.propagation import rotation_between
 from ruledgraph.imu.synchronizer import Synchronizer, image_fault
-from ruledgraph.initialization.start_attempts import StartAttempts
+from ruledgraph.initialization.initializer import Initializer
+from ruledgraph.initialization.trial import Trial
 from ruledgraph.integrity.rest import RestDetector
 from ruledgraph.integrity.segment import Stages, TrajectorySegment
-from ruledgraph.integrity.segments import Drift, Ended, Trial, continued
+from ruledgraph.integrity.segments import Drift, Ended, continued
 
 # Measurements are kept this much longer than the window, s: more than a late frame needs.
 _SPARE = 0.5
@@ -44,7 +45,7 @@ class Odometry(Output):
         rest = RestDetector(sensors, front_end.image_motion, config.rest)
         clock = CameraClock(sensors, calibration.time_offset, config.time_offset, self.warnings)
         self._stages = Stages(sensors, front_end, rest, clock, self)
-        self._starts = StartAttempts(calibration, config, sensors, front_end, rest, self.warnings)
+        self._initializer = Initializer(calibration, config, self._stages)
         self._segment: TrajectorySegment | None = None
         self._trial: Trial | None = None
         self._segments = 0
@@ -169,7 +170,7 @@ class Odometry(Output):
 
     def _try_start(self, now: FrameTime) -> bool:
         """Begin a segment if what was seen so far allows it."""
-        first = self._starts.attempt(now)
+        first = self._initializer.attempt(now)
         if first is None:
             return False
         start, drift = first.start, Drift()
@@ -202,7 +203,7 @@ class Odometry(Output):
                 )
                 self._segment = self._trial = None
                 self._segments -= 1
-                self._starts.wait_from(now.time)
+                self._initializer.wait_from(now.time)
                 return False
             if passed:
                 segment.confirm()

@@ -74,12 +74,38 @@ class WindowConfig(Section):
 class StartConfig(Section):
     """Start at rest or in motion."""
 
-    window: float = number(1.0, "s", 0.4, 10.0)
-    """Length of the first window of a start in motion."""
+    between_attempts: float = number(0.25, "s", 0.01, 10.0)
+    """Time between two attempts."""
+    window: float = number(1.25, "s", 0.4, 10.0)
+    """Longest first window of a start in motion: within the smoother's lag."""
+    shortest: float = number(0.6, "s", 0.2, 10.0)
+    """Shortest first window: a dozen frames at 20 Hz. Where `window` is less, that counts."""
+    velocity_sigma: float = number(0.04, "m/s", 1e-3, 1.0)
+    """Accepted standard deviation of the velocity at both ends, gravity and biases being unknown:
+    a few percent of a walk, and so of the scale."""
+    outlier_share: float = number(0.2, "", 0.0, 0.5)
+    """Accepted share of sightings that contradict the start: tracks on other edges or things that
+    move."""
+    confidence: float = number(0.99, "", 0.5, 0.9999)
+    """Of the chi-square tests of sightings and of rival hypotheses."""
+    sigma_px: float = number(1.0, "px", 0.05, 20.0)
+    """Standard deviation of an edge point in the start's problem: twice that of the smoother, as
+    a track's points err together."""
+    velocity: float = number(3.0, "m/s", 0.1, 100.0)
+    """Standard deviation of the velocity before the start: of what is carried or flown."""
+    tilt: float = number(0.5, "rad", 0.01, 1.5)
+    """Standard deviation of the tilt from the mean specific force: 5 m/s^2 of acceleration."""
     gyroscope_bias: float = number(0.1, "rad/s", 1e-4, 1.0)
     """Standard deviation of the gyroscope's bias before the start."""
-    accelerometer_bias: float = number(0.1, "m/s^2", 1e-3, 5.0)
-    """Standard deviation of the accelerometer's bias before the start."""
+    accelerometer_bias: float = number(0.3, "m/s^2", 1e-3, 5.0)
+    """Standard deviation of the accelerometer's bias before the start: consumer and MAV IMUs have
+    up to 0.6."""
+    rest_velocity_sigma: float = number(0.01, "m/s", 1e-5, 1.0)
+    """Standard deviation of the velocity of a body at rest."""
+    rest_gyroscope_sigma: float = number(2e-3, "rad/s", 1e-6, 0.1)
+    """Standard deviation of the gyroscope's bias from its mean over a rest."""
+    gravity_share: float = number(0.15, "", 0.0, 1.0)
+    """The specific force at rest is gravity to this share; in g, or without gravity, it is not."""
 
 
 class TimeOffsetConfig(Section):

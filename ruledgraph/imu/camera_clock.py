@@ -4,14 +4,10 @@
 
 import numpy as np
 
-from ruledgraph.core.config import DEFAULTS, TimeOffsetConfig
+from ruledgraph.core.config import TimeOffsetConfig
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.core.timing import Messages
 from ruledgraph.imu.synchronizer import Synchronizer
-
-# A start whose offset comes out further from what its frames were timed with is tried again, s: the
-# correction would not follow it in one step.
-RETRY = DEFAULTS.time_offset.max_step
 
 
 class CameraClock:

@@ -6,11 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ruledgraph.core.config import DEFAULTS, RestConfig
+from ruledgraph.core.config import RestConfig
 from ruledgraph.imu.synchronizer import Synchronizer
-
-REST = DEFAULTS.rest.duration
-"""How long rest lasts by default, s; a start takes it from here."""
 
 
 class RestDetector:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where segments begin: after the end of another one, and whether a start in motion holds."""
+"""Where segments begin: after the end of another one."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -8,7 +8,6 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 
-from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.start import Start
 from ruledgraph.calibration.sensors import FloatArray
 from ruledgraph.core.config import IntegrityConfig
@@ -91,26 +90,3 @@ def continued(start: Start, ended: Ended, config: IntegrityConfig) -> tuple[Star
     up = attitude.T @ _UP
     open_heading = float(up @ of_pose[:3, :3] @ up) + (config.gap_turn_rate * gap) ** 2
     return start.moved(gtsam.Pose3(turn, shift)), Drift(open_place, open_heading, place)
-
-
-class Trial:
-    """A start in motion, made at a time, until most of its lines have been seen to stay."""
-
-    def __init__(self, start: Start, time: float, config: IntegrityConfig) -> None:
-        self._config = config
-        self._numbers = set(start.lines)
-        self._entered: set[int] = set()
-        self._until = time + config.trial_time
-        self.trouble = ""
-        """Why it was none."""
-
-    def passed(self, window: Window) -> bool:
-        """Whether it is over and went well; look at `trouble` first."""
-        knot = window.newest
-        self._entered |= self._numbers & window.lines.keys()
-        gone = len(self._entered - window.lines.keys())
-        if gone > (1.0 - self._config.trial_min_stay) * len(self._numbers):
-            self.trouble = f"{gone} of its {len(self._numbers)} lines did not fit for long"
-        elif not knot.keeps(self._config, self._config.trial_share):
-            self.trouble = "its velocity or biases are implausible"
-        return not self.trouble and knot.time >= self._until

@@ -1,96 +1,82 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
 
-import gtsam
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from ideal_tracks import CALIBRATION, at_rest, ideal_tracks, sighting
-from ruledgraph.backend.start import Start
+from ideal_tracks import CALIBRATION, IdealTracks, at_rest, ideal_tracks
 from ruledgraph.core.config import Config
-from ruledgraph.initialization.initializer import Refusal, start_at_rest, start_in_motion
-from simulated_window import SEGMENTS, hand_held
+from ruledgraph.core.output import Output
+from ruledgraph.imu.frame_history import FrameTime
+from ruledgraph.imu.synchronizer import Synchronizer
+from ruledgraph.initialization import initializer as module
+from ruledgraph.initialization.initializer import FirstFrames, Initializer
+from ruledgraph.initialization.prior import Refusal
+from ruledgraph.integrity.rest import RestDetector
+from ruledgraph.integrity.segment import Stages
+from simulated_window import hand_held
 
 
-def in_motion(seed: int, gyroscope_bias: float, segments=None) -> tuple:
-    rng = np.random.default_rng(seed)
-    bias = np.concatenate([rng.normal(scale=0.03, size=3), gyroscope_bias * np.ones(3) / 3**0.5])
-    more = {} if segments is None else {"segments": segments}
-    made = ideal_tracks(seed, hand_held(rng), duration=1.0, bias=bias, **more)
-    start = start_in_motion(
-        made.imu, made.stamps, made.times.tolist(), made.tracks, CALIBRATION, Config()
-    )
-    return made, start
+class Run:
+    """The frames of made-up tracks, one by one, and an initializer that sees them."""
+
+    def __init__(self, made: IdealTracks, image_motion: float) -> None:
+        self.output = Output()
+        self.sensors = Synchronizer(CALIBRATION, self.output.warnings)
+        self.sensors.imu = made.imu
+        front_end = SimpleNamespace(observed=lambda: made.tracks, retime=lambda _: None)
+        config = Config()
+        rest = RestDetector(self.sensors, lambda *_: image_motion, config.rest)
+        stages = Stages(self.sensors, front_end, rest, None, self.output)
+        self.initializer = Initializer(CALIBRATION, config, stages)
+        both = zip(made.stamps, made.times.tolist(), strict=True)
+        self._frames = [FrameTime(stamp, time) for stamp, time in both]
+
+    def attempts(self, until: float) -> list[tuple[float, FirstFrames | None]]:
+        """What comes of each frame up to a time."""
+        found = []
+        for frame in self._frames:
+            if frame.time <= until + 1e-9:
+                self.sensors.frames.append(frame)
+                found.append((frame.time, self.initializer.attempt(frame)))
+        return found
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_a_start_in_motion_finds_velocity_gravity_and_a_large_gyroscope_bias(seed):
-    made, start = in_motion(seed, gyroscope_bias=0.08)
-    assert isinstance(start, Start)
-    body_R_world = made.motion.rotation(0.0).T
-    own_R_world = start.state.attitude().matrix().T
-    velocity = own_R_world @ start.state.velocity()
-    # 0.5 px of noise, a second of motion with an unknown accelerometer bias of 0.03 m/s^2.
-    np.testing.assert_allclose(velocity, body_R_world @ made.motion.velocity(0.0), atol=0.04)
-    np.testing.assert_allclose(start.bias.gyroscope(), made.bias[3:], atol=4e-3)
-    down = np.array([0.0, 0.0, -1.0])
-    angle = np.arccos(np.clip((own_R_world @ down) @ (body_R_world @ down), -1.0, 1.0))
-    assert np.degrees(angle) < 2.0  # 0.2 m/s^2 of bias, twice its prior, are 1.2 degrees
-    assert len(start.lines) >= 8
+@pytest.fixture
+def moving():
+    return ideal_tracks(0, hand_held(np.random.default_rng(0)), rate=20.0, duration=1.6)
 
 
-def test_too_few_lines_are_refused_with_the_reason():
-    _, refusal = in_motion(0, 0.0, SEGMENTS)
-    assert isinstance(refusal, Refusal)
-    assert refusal.reason == "4 lines were followed long enough, 6 are needed"
+def test_no_attempt_before_there_is_a_window_and_then_at_intervals(moving, monkeypatch):
+    lengths, tried = [], []
+
+    def refused(*arguments):
+        times = arguments[2]
+        tried.append(times[-1])
+        lengths.append(times[-1] - times[0])
+        return Refusal("none")
+
+    monkeypatch.setattr(module, "start_in_motion", refused)
+    run = Run(moving, image_motion=5.0)
+    assert all(found is None for _, found in run.attempts(1.5))
+    np.testing.assert_allclose(sorted(set(tried)), [0.6, 0.85, 1.1, 1.35], atol=1e-6)
+    # The longest window there is, and the shortest one.
+    np.testing.assert_allclose(lengths, [0.6, 0.85, 0.6, 1.1, 0.6, 1.25, 0.6], atol=1e-6)
+    assert "no start at 0.60 s: none" in run.output.warnings[0]
 
 
-def test_wrong_associations_are_refused():
-    made, _ = in_motion(1, 0.0)
-    rng = np.random.default_rng(0)
-    for track in made.tracks:
-        for i, seen in enumerate(track.sightings):
-            moved = seen.points + rng.normal(scale=0.02, size=2)
-            track.sightings[i] = sighting(seen.stamp, moved)
-    refusal = start_in_motion(
-        made.imu, made.stamps, made.times.tolist(), made.tracks, CALIBRATION, Config()
-    )
-    assert isinstance(refusal, Refusal)
+def test_a_start_begins_at_the_first_frame_of_its_window(moving):
+    found = [f for _, f in Run(moving, image_motion=5.0).attempts(1.5) if f is not None]
+    assert found
+    assert found[0].frames[0].stamp == found[0].start.stamp
+    assert found[0].frames[0].time == pytest.approx(found[0].start.time)
 
 
-def test_a_start_at_rest_finds_gravity_and_the_gyroscope_bias():
-    bias = np.array([0.0, 0.0, 0.0, 0.02, -0.05, 0.08])
-    made = ideal_tracks(0, at_rest(1.0), duration=0.9, bias=bias)
-    start = start_at_rest(made.imu, 800, 0.2, 0.8, Config())
-    assert isinstance(start, Start)
-    np.testing.assert_allclose(start.bias.gyroscope(), bias[3:], atol=2e-3)
-    np.testing.assert_array_equal(start.state.velocity(), 0.0)
-    true_up = made.motion.rotation(0.0).T @ [0.0, 0.0, 1.0]
-    own_up = start.state.attitude().matrix().T @ [0.0, 0.0, 1.0]
-    assert np.degrees(np.arccos(true_up @ own_up)) < 0.1
-    # Yaw is the world's choice, and held tighter than the tilt.
-    up_variance = own_up @ start.pose_covariance[:3, :3] @ own_up
-    assert up_variance == pytest.approx(1e-8)
-
-
-def test_an_accelerometer_in_g_is_refused_at_rest():
+def test_at_rest_one_frame_is_enough():
     made = ideal_tracks(0, at_rest(1.0), duration=0.9)
-    samples = made.imu.between(0.0, 0.9)
-    made.imu.clear()
-    for time, w, f in zip(samples.times, samples.gyroscope, samples.accelerometer, strict=True):
-        made.imu.append(float(time), w, f / 9.81)
-    refusal = start_at_rest(made.imu, 800, 0.2, 0.8, Config())
-    assert isinstance(refusal, Refusal)
-    assert "1.00 instead of 9.81" in refusal.reason
-
-
-def test_a_start_moves_to_where_the_last_segment_ended():
-    _, start = in_motion(2, 0.0)
-    moved = start.moved(gtsam.Pose3(gtsam.Rot3.Yaw(0.7), np.array([1.0, 2.0, 3.0])))
-    turn = gtsam.Rot3.Yaw(0.7)
-    np.testing.assert_allclose(moved.state.position(), [1.0, 2.0, 3.0], atol=1e-9)
-    np.testing.assert_allclose(moved.state.velocity(), turn.rotate(start.state.velocity()))
-    number, (chart, delta) = next(iter(start.lines.items()))
-    before, _ = chart.closest_point(delta)
-    after, _ = moved.lines[number][0].closest_point(delta)
-    np.testing.assert_allclose(after, turn.rotate(before) + np.array([1.0, 2.0, 3.0]), atol=1e-9)
+    found = [(time, f) for time, f in Run(made, image_motion=0.1).attempts(0.8) if f is not None]
+    time, first = found[0]
+    assert time < Config().rest.duration + 0.1  # as soon as rest has lasted
+    assert [frame.time for frame in first.frames] == [time]

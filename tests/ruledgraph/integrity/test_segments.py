@@ -1,16 +1,14 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
 
-from types import SimpleNamespace
 
 import gtsam
 import numpy as np
 import pytest
 
 from ruledgraph.backend.start import Start
-from ruledgraph.backend.states import Knot
 from ruledgraph.core.config import IntegrityConfig
-from ruledgraph.integrity.segments import Drift, Ended, Trial, continued, heading
+from ruledgraph.integrity.segments import Drift, Ended, continued, heading
 
 LIMITS = IntegrityConfig()
 MOUNTINGS = (gtsam.Rot3(), gtsam.Rot3.Ry(-np.pi / 2), gtsam.Rot3.Rx(-np.pi / 2))
@@ -79,27 +77,3 @@ def test_drift_in_covariances():
         changes.append(turn.rotate(velocity) - velocity)
     np.testing.assert_allclose(np.cov(np.array(errors).T), of_pose, atol=2e-5)
     np.testing.assert_allclose(np.cov(np.array(changes).T), of_velocity, atol=2e-5)
-
-
-def window_at(time: float, lines, velocity=0.0):
-    state = gtsam.NavState(gtsam.Pose3(), np.array([velocity, 0.0, 0.0]))
-    knot = Knot(0, time, state, gtsam.imuBias.ConstantBias(), CERTAIN)
-    return SimpleNamespace(newest=knot, lines=dict.fromkeys(lines))
-
-
-def test_a_trial_is_passed_by_lines_that_stay():
-    trial = Trial(start_at(gtsam.Pose3(), lines=range(6)), 1.0, LIMITS)
-    for time in (1.0, 1.2, 1.4):
-        assert not trial.passed(window_at(time, range(20)))
-    assert trial.passed(window_at(1.8, [0, 1, 2, 3, 17]))
-    assert not trial.trouble
-
-
-def test_a_trial_fails_when_lines_go_or_the_state_is_absurd():
-    trial = Trial(start_at(gtsam.Pose3(), lines=range(6)), 1.0, LIMITS)
-    assert not trial.passed(window_at(1.0, range(6)))
-    assert not trial.passed(window_at(1.3, [0, 1]))
-    assert trial.trouble == "4 of its 6 lines did not fit for long"
-    fast = Trial(start_at(gtsam.Pose3(), lines=range(6)), 1.0, LIMITS)
-    assert not fast.passed(window_at(2.0, range(6), velocity=30.0))
-    assert "implausible" in fast.trouble

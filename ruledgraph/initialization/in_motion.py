@@ -1,0 +1,186 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""A start in motion: several hypotheses, the best of them, and whether it may be believed."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import TypeVar
+
+import gtsam
+import numpy as np
+
+from ruledgraph.backend.start import Start
+from ruledgraph.calibration.sensors import Calibration, FloatArray
+from ruledgraph.core.config import Config
+from ruledgraph.core.line_observations import LineTrack
+from ruledgraph.core.time_offset import TimeOffset
+from ruledgraph.imu.buffer import ImuBuffer
+from ruledgraph.initialization.batch import Batch, Seen, Window
+from ruledgraph.initialization.closed_form import Planes, closed_form, gyroscope_bias
+from ruledgraph.initialization.prior import (
+    Refusal,
+    bias_sigmas,
+    pose_covariance,
+    unknown_offset,
+)
+from ruledgraph_factors import FactorError
+
+_T = TypeVar("_T")
+# The most frames used; a line counts that was seen in so many of them, and in no fewer.
+_MOST_FRAMES, _SEEN_SHARE, _FEWEST_SIGHTINGS = 20, 0.3, 4
+# Distances that hypotheses begin at beside the closed form, m.
+_DISTANCES = (0.7, 2.0, 6.0)
+# Robust constants round by round (px): of all hypotheses, of the best ones, of which there are so
+# many, after their lines were triangulated anew.
+_WIDE, _NARROW, _LAST, _BEST = (6.0, 2.0), (2.0, 2.0), 1.0, 2
+# Lines that fit, or there is nothing that the window could hold on to: motion along one line is
+# not seen.
+_FEWEST_LINES = 2
+
+
+def start_in_motion(
+    imu: ImuBuffer,
+    stamps: Sequence[int],
+    times: Sequence[float],
+    tracks: Sequence[LineTrack],
+    calibration: Calibration,
+    config: Config,
+) -> Start | Refusal:
+    """The state at the first of some frames from line tracks and IMU.
+
+    Hypotheses are solved in batches with a loss that narrows, and the best is taken: if its lines
+    fit, its velocity is known, and no other hypothesis fits as well.
+
+    Args:
+        imu: samples that cover the frames.
+        stamps: of the frames, ns.
+        times: of the frames, s.
+        tracks: lines that were seen in them.
+        calibration: of camera and IMU.
+        config: all settings.
+    """
+    step = max(1, -(-len(stamps) // _MOST_FRAMES))
+    places = {stamps[i]: n for n, i in enumerate(range(0, len(stamps), step))}
+    least = max(_FEWEST_SIGHTINGS, _SEEN_SHARE * len(places))
+    seen = []
+    for track in tracks:
+        hits = [s for s in track.sightings if s.stamp in places]
+        if len(hits) >= least:
+            seen.append(Seen(track, [places[s.stamp] for s in hits], hits))
+    if len(seen) < _FEWEST_LINES:
+        return Refusal(f"{len(seen)} lines were followed long enough, {_FEWEST_LINES} are needed")
+    samples = imu.between(times[0], times[-1])
+    window = Window(samples, list(times[::step]), seen, calibration, config)
+    best = solved(window)
+    if not best:
+        return Refusal("no start converged")
+    return _judged(best, window, stamps[0])
+
+
+def solved(window: Window) -> list[Batch]:
+    """The best hypotheses, best first."""
+    rough = filter(None, (_tried(_rounds, make) for make in _hypotheses(window)))
+    best = sorted(rough, key=lambda batch: batch.error)[:_BEST]
+    polished = filter(None, (_tried(_polished, batch) for batch in best))
+    return sorted(polished, key=lambda batch: batch.error)
+
+
+def _hypotheses(window: Window) -> Iterator[Callable[[], Batch]]:
+    start, body_T_cam = window.config.start, window.calibration.body_T_cam
+    body_R_cam, arm = body_T_cam.rotation().matrix(), body_T_cam.translation()
+    planes = [
+        Planes.of(line.frames, line.sightings, body_R_cam, window.sigma) for line in window.seen
+    ]
+    samples, times = window.samples, window.times
+    bias = gyroscope_bias(samples, times, planes, start.gyroscope_bias)
+
+    def linear() -> Batch:
+        found = closed_form(samples, times, planes, bias, arm)
+        return Batch.from_closed_form(window, bias, found)
+
+    yield linear
+    for distance in _DISTANCES:
+        yield partial(Batch.at_distance, window, bias, distance)
+
+
+def _rounds(make: Callable[[], Batch]) -> Batch:
+    batch = make()
+    for cauchy in _WIDE:
+        batch.solve(cauchy)
+    return batch
+
+
+def _polished(batch: Batch) -> Batch:
+    for cauchy in _NARROW:
+        batch.triangulate_anew()
+        batch.solve(cauchy)
+    batch.solve(_LAST)
+    return batch
+
+
+def _tried(solve: Callable[[_T], Batch], given: _T) -> Batch | None:
+    try:
+        return solve(given)
+    except (RuntimeError, FactorError, np.linalg.LinAlgError):
+        return None
+
+
+def _judged(best: Sequence[Batch], window: Window, stamp: int) -> Start | Refusal:
+    """The best hypothesis, if it may be believed."""
+    batch, config, start = best[0], window.config, window.config.start
+    # As the window will see them.
+    sigma = config.edges.sigma_px / window.calibration.camera.focal_length
+    limit = _chi_square_2(start.confidence)
+    fits = [misfit < limit for misfit in batch.misfits(sigma)]
+    outliers = 1.0 - float(np.mean(np.concatenate(fits)))
+    if outliers > start.outlier_share:
+        return Refusal(f"only {100 * (1 - outliers):.0f} % of the lines fit a common motion")
+    try:
+        covariances = batch.velocity_covariances()
+        velocity_sigma = max(float(np.sqrt(np.linalg.eigvalsh(c)[-1])) for c in covariances)
+    except (RuntimeError, np.linalg.LinAlgError):
+        velocity_sigma = np.inf
+    if not velocity_sigma < start.velocity_sigma:
+        return Refusal(
+            f"the velocity is left open by {velocity_sigma:.2g} m/s: too little motion across "
+            "the lines"
+        )
+    if len(best) > 1 and _is_rival(best[1], batch, covariances[0], start.confidence):
+        return Refusal("two motions explain the lines as well as each other")
+    lines = {}
+    for i, (track, _, _) in enumerate(window.seen):
+        chart, delta = batch.line(i)
+        if np.mean(fits[i]) > 0.5 and chart.inverse_distance(delta)[0] > 0.0:
+            lines[track.id] = chart, delta
+    if len(lines) < _FEWEST_LINES:
+        return Refusal(f"{len(lines)} lines come out in front of the camera")
+    offset = unknown_offset(config)
+    if offset is not None:
+        # As wide as before: the window sees the same points again.
+        offset = TimeOffset(batch.time_shift, offset.sigma)
+    return Start(
+        stamp=stamp,
+        time=window.times[0],
+        state=gtsam.NavState(batch.pose, batch.velocity),
+        bias=batch.bias,
+        pose_covariance=pose_covariance(batch.pose.rotation(), start.tilt),
+        velocity_sigma=start.velocity,
+        bias_sigmas=bias_sigmas(config),
+        lines=lines,
+        time_offset=offset,
+    )
+
+
+def _is_rival(other: Batch, best: Batch, covariance: FloatArray, confidence: float) -> bool:
+    """Whether another velocity, beyond the best one's covariance, fits no worse than by chance."""
+    limit = _chi_square_2(confidence)
+    own, others = (batch.pose.rotation().unrotate(batch.velocity) for batch in (best, other))
+    apart = best.pose.rotation().rotate(others - own)
+    differs = float(apart @ np.linalg.solve(covariance, apart)) > limit
+    return differs and 2.0 * (other.error - best.error) < limit
+
+
+def _chi_square_2(confidence: float) -> float:
+    """Quantile of the chi-square distribution with two degrees of freedom."""
+    return -2.0 * math.log1p(-confidence)

@@ -1,0 +1,50 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is known before a start, and what every start leaves to choice."""
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.config import Config
+from ruledgraph.core.time_offset import TimeOffset
+
+# Position and yaw of the first pose are the world's choice: held this tightly (rad, m).
+_GAUGE = 1e-4
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why there is no start yet."""
+
+    reason: str
+
+
+def pose_covariance(attitude: gtsam.Rot3, tilt: float) -> FloatArray:
+    """Of a first pose, (6, 6): position and yaw are the world's choice, the tilt (rad) is not."""
+    up = attitude.matrix().T @ np.array([0.0, 0.0, 1.0])
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3] = tilt**2 * (np.eye(3) - np.outer(up, up)) + _GAUGE**2 * np.outer(up, up)
+    covariance[3:, 3:] = _GAUGE**2 * np.eye(3)
+    return covariance
+
+
+def level(force: FloatArray) -> gtsam.Rot3:
+    """world_R_body that turns `force` upwards and leaves the x axis (or y) level."""
+    up = force / np.linalg.norm(force)
+    axis = np.eye(3)[0] if abs(up[0]) < 0.9 else np.eye(3)[1]
+    x = axis - up * (up @ axis)
+    x = x / np.linalg.norm(x)
+    return gtsam.Rot3(np.stack([x, np.cross(up, x), up]))
+
+
+def unknown_offset(config: Config) -> TimeOffset | None:
+    """How much later than their times the frames may have been taken; None: it is not estimated."""
+    return TimeOffset(0.0, config.time_offset.sigma) if config.time_offset.estimate else None
+
+
+def bias_sigmas(config: Config) -> FloatArray:
+    """Standard deviations of the IMU's bias, accelerometer (m/s^2) first, (6,)."""
+    return np.repeat([config.start.accelerometer_bias, config.start.gyroscope_bias], 3)

@@ -1,0 +1,50 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+
+import numpy as np
+import pytest
+
+from ideal_tracks import at_rest, ideal_tracks
+from ruledgraph.backend.start import Start
+from ruledgraph.core.config import Config
+from ruledgraph.initialization.at_rest import start_at_rest
+from ruledgraph.initialization.prior import Refusal
+
+
+def test_a_start_at_rest_finds_gravity_and_the_gyroscope_bias():
+    bias = np.array([0.0, 0.0, 0.0, 0.02, -0.05, 0.08])
+    made = ideal_tracks(0, at_rest(1.0), duration=0.9, bias=bias)
+    start = start_at_rest(made.imu, 800, 0.2, 0.8, Config())
+    assert isinstance(start, Start)
+    np.testing.assert_allclose(start.bias.gyroscope(), bias[3:], atol=2e-3)
+    np.testing.assert_array_equal(start.state.velocity(), 0.0)
+    true_up = made.motion.rotation(0.0).T @ [0.0, 0.0, 1.0]
+    own_up = start.state.attitude().matrix().T @ [0.0, 0.0, 1.0]
+    assert np.degrees(np.arccos(true_up @ own_up)) < 0.1
+    # Yaw is the world's choice, and held tighter than the tilt.
+    up_variance = own_up @ start.pose_covariance[:3, :3] @ own_up
+    assert up_variance == pytest.approx(1e-8)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_large_accelerometer_bias_is_within_the_reported_tilt(seed):
+    bias = np.zeros(6)
+    bias[:3] = np.random.default_rng(seed).normal(scale=0.35, size=3)  # 0.6 m/s^2 in length
+    made = ideal_tracks(seed, at_rest(1.0), duration=0.9, bias=bias)
+    start = start_at_rest(made.imu, 800, 0.2, 0.8, Config())
+    assert isinstance(start, Start)
+    true_up = made.motion.rotation(0.0).T @ [0.0, 0.0, 1.0]
+    own_up = start.state.attitude().matrix().T @ [0.0, 0.0, 1.0]
+    sigma = np.sqrt(np.linalg.eigvalsh(start.pose_covariance[:3, :3])[-1])
+    assert np.arccos(true_up @ own_up) < 3.0 * sigma
+
+
+def test_an_accelerometer_in_g_is_refused_at_rest():
+    made = ideal_tracks(0, at_rest(1.0), duration=0.9)
+    samples = made.imu.between(0.0, 0.9)
+    made.imu.clear()
+    for time, w, f in zip(samples.times, samples.gyroscope, samples.accelerometer, strict=True):
+        made.imu.append(float(time), w, f / 9.81)
+    refusal = start_at_rest(made.imu, 800, 0.2, 0.8, Config())
+    assert isinstance(refusal, Refusal)
+    assert "1.00 instead of 9.81" in refusal.reason

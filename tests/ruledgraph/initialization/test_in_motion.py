@@ -1,0 +1,155 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+
+import gtsam
+import numpy as np
+import pytest
+
+from ideal_tracks import CALIBRATION, MANY, IdealTracks, ideal_tracks, sighting
+from ruledgraph.backend.start import Start
+from ruledgraph.core.config import Config
+from ruledgraph.initialization.batch import Seen, Window
+from ruledgraph.initialization.in_motion import solved, start_in_motion
+from ruledgraph.initialization.prior import Refusal
+from ruledgraph.simulation import SplineMotion
+from simulated_window import SEGMENTS, hand_held
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def in_motion(
+    seed: int,
+    accelerometer_bias: float = 0.3,
+    gyroscope_bias: float = 0.08,
+    duration: float = 1.0,
+    **more,
+) -> IdealTracks:
+    """Biases of these lengths, m/s^2 and rad/s."""
+    rng = np.random.default_rng(seed)
+    bias = np.concatenate([rng.normal(size=3), rng.normal(size=3)])
+    bias[:3] *= accelerometer_bias / np.linalg.norm(bias[:3])
+    bias[3:] *= gyroscope_bias / np.linalg.norm(bias[3:])
+    motion = more.pop("motion", None) or hand_held(rng)
+    return ideal_tracks(seed, motion, rate=20.0, duration=duration, bias=bias, **more)
+
+
+def begun(made: IdealTracks) -> Start | Refusal:
+    return start_in_motion(
+        made.imu, made.stamps, made.times.tolist(), made.tracks, CALIBRATION, Config()
+    )
+
+
+def window_of(made: IdealTracks) -> Window:
+    frames = list(range(len(made.times)))
+    seen = [Seen(track, frames, list(track.sightings)) for track in made.tracks]
+    samples = made.imu.between(made.times[0], made.times[-1])
+    return Window(samples, made.times.tolist(), seen, CALIBRATION, Config())
+
+
+def tilt_error(attitude: gtsam.Rot3, made: IdealTracks) -> float:
+    own, true = attitude.unrotate(UP), made.motion.rotation(0.0).T @ UP
+    return float(np.arccos(np.clip(own @ true, -1.0, 1.0)))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_state_is_within_its_reported_sigmas(seed):
+    made = in_motion(seed, accelerometer_bias=0.5, gyroscope_bias=0.1)
+    batch = solved(window_of(made))[0]
+    sigmas = np.sqrt(np.diag(batch.state_covariance()))
+    body_R_world = made.motion.rotation(0.0).T
+    velocity = batch.pose.rotation().unrotate(batch.velocity)
+    off = velocity - body_R_world @ made.motion.velocity(0.0)
+    assert np.linalg.norm(off) < 3.0 * np.linalg.norm(sigmas[6:9])
+    assert tilt_error(batch.pose.rotation(), made) < 3.0 * np.linalg.norm(sigmas[:3])
+    assert np.all(np.abs(batch.bias.vector() - made.bias) < 3.0 * sigmas[9:])
+    # And they say something: a second of hand-held motion before lines at two metres.
+    assert np.linalg.norm(sigmas[6:9]) < 0.04
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_start_in_motion_finds_velocity_gravity_and_lines(seed):
+    made = in_motion(seed)
+    start = begun(made)
+    assert isinstance(start, Start)
+    body_R_world = made.motion.rotation(0.0).T
+    velocity = start.state.attitude().unrotate(start.state.velocity())
+    # 0.5 px of noise over a second.
+    np.testing.assert_allclose(velocity, body_R_world @ made.motion.velocity(0.0), atol=0.02)
+    np.testing.assert_allclose(start.bias.gyroscope(), made.bias[3:], atol=4e-3)
+    assert len(start.lines) == len(MANY)
+    assert start.time == made.times[0]
+
+
+def test_four_lines_suffice_when_the_motion_shows_enough():
+    start = begun(in_motion(0, segments=SEGMENTS))
+    assert isinstance(start, Start)
+    assert len(start.lines) == 4
+
+
+def test_a_strong_acceleration_is_no_tilt():
+    """4 m/s^2 all along, which turns the mean specific force by 0.4 rad."""
+    times = np.linspace(0.0, 1.3, 9)
+    positions = np.zeros((9, 3))
+    positions[:, 1] = 2.0 * times**2 - 1.5 * times
+    positions[:, 2] = 0.08 * np.sin(5.0 * times)
+    turns = np.column_stack([np.zeros(9), np.zeros(9), 0.1 * np.sin(4.0 * times)])
+    made = in_motion(0, motion=SplineMotion(times, positions, turns))
+    batch = solved(window_of(made))[0]
+    sigma = np.sqrt(np.trace(batch.state_covariance()[:3, :3]))
+    assert tilt_error(batch.pose.rotation(), made) < 3.0 * sigma < 0.2
+
+
+def jumped(made: IdealTracks, share: float) -> IdealTracks:
+    """Sightings of this share are on other edges, some pixels away."""
+    rng = np.random.default_rng(0)
+    for track in made.tracks:
+        for i, seen in enumerate(track.sightings):
+            if rng.random() < share:
+                across = rng.choice([-1.0, 1.0], size=2) * 0.01
+                track.sightings[i] = sighting(seen.stamp, seen.points + across)
+    return made
+
+
+def test_a_few_wrong_associations_do_no_harm_and_more_are_refused():
+    made = jumped(in_motion(1), 0.12)
+    start = begun(made)
+    assert isinstance(start, Start)
+    velocity = start.state.attitude().unrotate(start.state.velocity())
+    true = made.motion.rotation(0.0).T @ made.motion.velocity(0.0)
+    np.testing.assert_allclose(velocity, true, atol=0.03)
+    refusal = begun(jumped(in_motion(1), 0.35))
+    assert isinstance(refusal, Refusal)
+    assert "% of the lines fit a common motion" in refusal.reason
+
+
+def test_a_start_waits_until_the_velocity_is_known():
+    sigmas = []
+    for duration in (0.45, 0.6, 0.75):
+        made = in_motion(0, duration=duration)
+        covariances = solved(window_of(made))[0].velocity_covariances()
+        sigma = max(np.sqrt(np.linalg.eigvalsh(c)[-1]) for c in covariances)
+        # The threshold, as its meaning is documented: some 4 cm/s.
+        assert isinstance(begun(made), Start) == (sigma < 0.04)
+        sigmas.append(sigma)
+    # On both sides of it, so closely that neither half nor twice of it would do.
+    assert any(0.02 < sigma < 0.04 for sigma in sigmas)
+    assert any(0.04 < sigma < 0.08 for sigma in sigmas)
+
+
+def test_one_line_is_refused_with_the_reason():
+    refusal = begun(in_motion(0, segments=SEGMENTS[:1]))
+    assert isinstance(refusal, Refusal)
+    assert refusal.reason == "1 lines were followed long enough, 2 are needed"
+
+
+def test_a_start_moves_to_where_the_last_segment_ended():
+    start = begun(in_motion(2))
+    assert isinstance(start, Start)
+    moved = start.moved(gtsam.Pose3(gtsam.Rot3.Yaw(0.7), np.array([1.0, 2.0, 3.0])))
+    turn = gtsam.Rot3.Yaw(0.7)
+    np.testing.assert_allclose(moved.state.position(), [1.0, 2.0, 3.0], atol=1e-9)
+    np.testing.assert_allclose(moved.state.velocity(), turn.rotate(start.state.velocity()))
+    number, (chart, delta) = next(iter(start.lines.items()))
+    before, _ = chart.closest_point(delta)
+    after, _ = moved.lines[number][0].closest_point(delta)
+    np.testing.assert_allclose(after, turn.rotate(before) + np.array([1.0, 2.0, 3.0]), atol=1e-9)

@@ -1,0 +1,207 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""A recording begun at many moments: how soon the odometry starts, and how good the start is.
+
+    python tools/benchmarks/starts.py flight.bag flight.calib.yaml flight.gt.tum --every 0.5
+
+From each moment on the odometry runs for some seconds, and its live estimates are compared with
+ground truth: ATE by evo, SE(3)-aligned without scale, and the scale of a Sim(3) alignment beside
+it. Ground truth slower than 50 Hz is not interpolated, but associated within 2 ms. A run without
+a pose counts as a failure of any limit.
+"""
+
+import json
+import multiprocessing
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+
+import click
+import numpy as np
+
+from ruledgraph.calibration import read_calibration
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.measurements import Frame
+from ruledgraph.core.settings import load_config
+from ruledgraph.core.trajectory import Trajectory
+from ruledgraph.evaluation import EvaluationError, compare, matched
+from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
+from ruledgraph.odometry import Odometry
+from ruledgraph.recording import open_recording
+
+# Ground truth with a longer step is not interpolated, s; stamps of one moment agree to this, s.
+_LONGEST_STEP, _SAME = 0.02, 0.002
+# Limits that are counted, mm; and a start in time, s.
+_LIMITS, _SOON = (25.0, 100.0), 1.3
+
+
+@dataclass(frozen=True)
+class Run:
+    """The odometry begun at one moment."""
+
+    begin: float
+    """s after the recording's first message."""
+    delay: float | None
+    """From the first frame to the first frame with a live pose, s; None without any."""
+    handed_out: float | None
+    """From the first frame to the one at which the first live pose came out, s."""
+    frames: float
+    """Share of the frames that have a live pose."""
+    degraded: float
+    """Share of these that are doubtful."""
+    ate: float | None
+    """RMSE of live positions, SE(3)-aligned, mm."""
+    worst: float | None
+    """The same, largest error, mm."""
+    scale: float | None
+    """By which the estimate has to be multiplied to fit best."""
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Where the recording is, and how it is run."""
+
+    bag: str
+    calibration: str
+    truth: str
+    settings: tuple[str, ...]
+
+
+def run_from(recorded: Recorded, duration: float, begin: float) -> Run:
+    """Run the odometry over `duration` seconds from `begin` on."""
+    calibration = read_calibration(Path(recorded.calibration))
+    truth = read_ground_truth(recorded.truth)
+    odometry = Odometry(calibration, load_config(None, recorded.settings))
+    stream = open_recording(recorded.bag, start=begin, duration=duration).stream()
+    live: list[Estimate] = []
+    first, latest, count, handed_out = 0, 0, 0, None
+    for measurement in stream:
+        if isinstance(measurement, Frame):
+            latest, count = measurement.stamp, count + 1
+            first = first or latest
+        odometry.add(measurement)
+        live += odometry.take_live()
+        odometry.take_smoothed()
+        odometry.take_lines()
+        if live and handed_out is None:
+            handed_out = (latest - first) * 1e-9
+    odometry.finish()
+    live += odometry.take_live()
+    ate, worst, scale = _errors(live, truth)
+    return Run(
+        begin=begin,
+        delay=(live[0].stamp - first) * 1e-9 if live else None,
+        handed_out=handed_out,
+        frames=len(live) / max(count, 1),
+        degraded=float(np.mean([e.status == "doubtful" for e in live])) if live else 0.0,
+        ate=ate,
+        worst=worst,
+        scale=scale,
+        warnings=tuple(str(warning) for warning in odometry.warnings),
+    )
+
+
+def _errors(
+    live: Sequence[Estimate], truth: GroundTruth
+) -> tuple[float | None, float | None, float | None]:
+    """RMSE and largest error (mm), and scale."""
+    if not live:
+        return None, None, None
+    estimate = Trajectory.from_poses([e.stamp for e in live], [e.world_T_body for e in live])
+    try:
+        if np.median(np.diff(truth.stamps)) * 1e-9 <= _LONGEST_STEP:
+            estimate, truth = matched(estimate, truth)
+        rigid = compare(estimate, truth, tolerance=_SAME, lengths=())
+        similar = compare(estimate, truth, align="sim3", tolerance=_SAME, lengths=())
+    except EvaluationError:
+        return None, None, None
+    errors = rigid.errors["ate_translation"]
+    scale = float(np.cbrt(np.linalg.det(similar.reference_T_estimate[:3, :3])))
+    return 1e3 * errors.rmse, 1e3 * errors.max, scale
+
+
+def report(runs: Sequence[Run]) -> str:
+    """A line for each run, and what they come to together."""
+    lines = [
+        f"{'begin (s)':>9} {'delay (s)':>9} {'out (s)':>8} {'frames (%)':>10} {'doubtful (%)':>12} "
+        f"{'ATE (mm)':>9} {'worst (mm)':>10} {'scale':>7}"
+    ]
+    lines += [
+        (
+            f"{run.begin:9.2f} {_cell(run.delay, 2):>9} {_cell(run.handed_out, 2):>8} "
+            f"{100 * run.frames:10.0f} {100 * run.degraded:12.0f} {_cell(run.ate, 1):>9} "
+            f"{_cell(run.worst, 1):>10} {_cell(run.scale, 3):>7}"
+        )
+        for run in runs
+    ]
+    ates = np.array([np.inf if run.ate is None else run.ate for run in runs])
+    delays = np.array([np.inf if run.delay is None else run.delay for run in runs])
+    most = np.quantile(ates, 0.9, method="higher")
+    lines += [
+        "",
+        f"{len(runs)} starts: first pose after {np.median(delays):.2f} s (median), "
+        f"{np.max(delays):.2f} s at most, {np.mean(delays <= _SOON):.0%} within {_SOON:g} s",
+        f"frames with a pose: {np.mean([run.frames for run in runs]):.1%}",
+        f"ATE: median {np.median(ates):.1f} mm, 90 % up to {most:.1f} mm, "
+        f"worst {np.max(ates):.1f} mm; "
+        + ", ".join(f"{np.sum(ates > limit)} over {limit:g} mm" for limit in _LIMITS),
+    ]
+    return "\n".join(lines)
+
+
+def _told(run: Run) -> Run:
+    error = "no pose" if run.ate is None else f"ATE {run.ate:.1f} mm"
+    click.echo(f"begun at {run.begin:g} s: {error}, after {_cell(run.delay, 2)} s", err=True)
+    return run
+
+
+def _cell(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+@click.command(help=__doc__)
+@click.argument("bag", type=click.Path(exists=True))
+@click.argument("calibration", type=click.Path(exists=True))
+@click.argument("truth", type=click.Path(exists=True))
+@click.option("--first", default=0.0, show_default=True, help="First moment, s.")
+@click.option("--last", default=22.5, show_default=True, help="Last moment, s.")
+@click.option("--every", default=0.5, show_default=True, help="From one to the next, s.")
+@click.option("--duration", default=8.0, show_default=True, help="Of each run, s.")
+@click.option("--processes", default=1, show_default=True, help="Runs at a time.")
+@click.option("--set", "settings", multiple=True, help="section.key=value, as of smooth.")
+@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write all runs here.")
+def main(
+    bag: str,
+    calibration: str,
+    truth: str,
+    first: float,
+    last: float,
+    every: float,
+    duration: float,
+    processes: int,
+    settings: tuple[str, ...],
+    json_file: Path | None,
+) -> None:
+    """Command line."""
+    moments = np.arange(first, last + 1e-6, every).tolist()
+    one = partial(run_from, Recorded(bag, calibration, truth, settings), duration)
+    try:
+        if processes == 1:
+            runs = [_told(one(moment)) for moment in moments]
+        else:
+            with multiprocessing.get_context("spawn").Pool(processes) as pool:
+                runs = [_told(run) for run in pool.imap(one, moments)]
+    except RuledgraphError as error:
+        click.echo(f"starts: {error}", err=True)
+        sys.exit(2)
+    print(report(runs))
+    if json_file is not None:
+        json_file.write_text(json.dumps([asdict(run) for run in runs], indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
