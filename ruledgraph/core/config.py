@@ -78,8 +78,9 @@ class StartConfig(Section):
     """Time between two attempts."""
     window: float = number(1.25, "s", 0.4, 10.0)
     """Longest first window of a start in motion: within the smoother's lag."""
-    shortest: float = number(0.6, "s", 0.2, 10.0)
-    """Shortest first window: a dozen frames at 20 Hz. Where `window` is less, that counts."""
+    shortest: float = number(0.9, "s", 0.2, 10.0)
+    """Shortest first window: in less time a wrong motion explains the lines too often. Where
+    `window` is less, that counts."""
     velocity_sigma: float = number(0.04, "m/s", 1e-3, 1.0)
     """Accepted standard deviation of the velocity at both ends, gravity and biases being unknown:
     a few percent of a walk, and so of the scale."""

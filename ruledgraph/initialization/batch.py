@@ -31,13 +31,22 @@ from ruledgraph_factors import (
 
 # Keys: pose, velocity, bias, the lines from here on, and the time offset after them.
 _POSE, _VELOCITY, _BIAS, _LINES = 0, 1, 2, 3
-# Frames of a line that share one loss: a track that jumps does so for good.
-_CHUNK = 2
-_ITERATIONS, _TOLERANCE = 15, 1e-4
+_TOLERANCE = 1e-4
 # The closed form's lines that come out nearer or further than this begin in between, m.
 _NEAR, _FAR, _BETWEEN = 0.1, 50.0, 5.0
 # A line is replaced by one that is triangulated anew when its error falls by more.
 _BETTER = 1.0
+
+
+class Effort(NamedTuple):
+    """How thoroughly a batch is solved."""
+
+    iterations: int
+    chunk: int
+    """Frames of a line that share one loss: a track that jumps does so for good."""
+
+
+ROUGH, FINE = Effort(8, 6), Effort(15, 2)
 
 
 class Seen(NamedTuple):
@@ -172,7 +181,7 @@ class Batch:
 
     # -- solving ---------------------------------------------------------------------------------
 
-    def solve(self, cauchy_px: float) -> None:
+    def solve(self, cauchy_px: float, effort: Effort = FINE) -> None:
         """Levenberg-Marquardt with that constant of the robust loss.
 
         Raises:
@@ -180,9 +189,9 @@ class Batch:
             FactorError: when a line comes out through its camera.
         """
         self._cauchy_px = cauchy_px
-        self._build(cauchy_px)
+        self._build(cauchy_px, effort.chunk)
         params = gtsam.LevenbergMarquardtParams()
-        params.setMaxIterations(_ITERATIONS)
+        params.setMaxIterations(effort.iterations)
         params.setRelativeErrorTol(_TOLERANCE)
         # The priors are stiff: damping has to follow the diagonal.
         params.setDiagonalDamping(True)
@@ -194,6 +203,7 @@ class Batch:
         """Replace lines, stuck at a wrong distance or direction, that fit better when the motion
         found so far places them. Follows `solve`, whose loss it goes by.
         """
+        self._build(self._cauchy_px, FINE.chunk)
         before, values, charts = self._errors(), gtsam.Values(self.values), list(self._charts)
         cameras = self._cameras()
         for i, (_, frames, sightings) in enumerate(self._window.seen):
@@ -203,7 +213,7 @@ class Batch:
             if fit is not None:
                 self._charts[i] = fit.chart
                 self.values.update(_LINES + i, np.zeros(4))
-        self._build(self._cauchy_px)
+        self._build(self._cauchy_px, FINE.chunk)
         for i in np.flatnonzero(self._errors() > before - _BETTER).tolist():
             self._charts[i] = charts[i]
             self.values.update(_LINES + i, values.atVector(_LINES + i))
@@ -215,7 +225,7 @@ class Batch:
             errors[i] += factor.error(self.values)
         return errors
 
-    def _build(self, cauchy_px: float) -> None:
+    def _build(self, cauchy_px: float, chunk: int) -> None:
         window, start = self._window, self._window.config.start
         timed = self._shift is not None
         self._motion = preintegrate_frames(
@@ -237,8 +247,8 @@ class Batch:
         self._factors = []
         for i, (_, frames, sightings) in enumerate(window.seen):
             graph.addPriorVector(_LINES + i, np.zeros(4), wide)
-            for first in range(0, len(frames), _CHUNK):
-                part = slice(first, first + _CHUNK)
+            for first in range(0, len(frames), chunk):
+                part = slice(first, first + chunk)
                 points = compressed_points(sightings[part])
                 size = cauchy_px / start.sigma_px * np.sqrt(points.weight)
                 noise = noiseModel.Robust.Create(

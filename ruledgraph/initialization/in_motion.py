@@ -16,7 +16,7 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.initialization.batch import Batch, Seen, Window
+from ruledgraph.initialization.batch import ROUGH, Batch, Seen, Window
 from ruledgraph.initialization.closed_form import Planes, closed_form, gyroscope_bias
 from ruledgraph.initialization.prior import (
     Refusal,
@@ -107,7 +107,7 @@ def _hypotheses(window: Window) -> Iterator[Callable[[], Batch]]:
 def _rounds(make: Callable[[], Batch]) -> Batch:
     batch = make()
     for cauchy in _WIDE:
-        batch.solve(cauchy)
+        batch.solve(cauchy, ROUGH)
     return batch
 
 

@@ -40,6 +40,7 @@ class Initializer:
         self._warnings = stages.output.warnings
         self._last_attempt = -np.inf
         self._retimed = False
+        self._takes_longest = True
 
     def wait_from(self, time: float) -> None:
         """Count the time to the next attempt from here, s."""
@@ -76,30 +77,24 @@ class Initializer:
         return start_at_rest(self._sensors.imu, now.stamp, since, now.time, self._config)
 
     def _in_motion(self, now: FrameTime) -> Start | Refusal | None:
-        """Tried over the longest window that there is, then over the shortest: the longer one
+        """Tried in turn over the longest window that there is and the shortest: the longer one
         knows more, in the shorter one fewer lines were lost.
         """
-        start, refusal = self._config.start, None
+        start = self._config.start
         imu, frames = self._sensors.imu, self._sensors.frames
         available = now.time - frames.first.time
         shortest = min(start.shortest, start.window)
         if available < shortest - EARLY:
             return None
-        lengths = [min(start.window, available)]
-        if lengths[0] > shortest + EARLY:
-            lengths.append(shortest)
-        for length in lengths:
-            if imu.doubts(now.time - length, now.time):
-                continue
-            used = frames.since(now.time - length)
-            stamps, times = [f.stamp for f in used], [f.time for f in used]
-            tracks = self._front_end.observed()
-            found = start_in_motion(imu, stamps, times, tracks, self._calibration, self._config)
-            self._last_attempt = now.time
-            if isinstance(found, Start):
-                return found
-            refusal = refusal or found
-        return refusal
+        longest, self._takes_longest = self._takes_longest, not self._takes_longest
+        length = min(start.window, available) if longest else shortest
+        if imu.doubts(now.time - length, now.time):
+            return None
+        self._last_attempt = now.time
+        used = frames.since(now.time - length)
+        stamps, times = [f.stamp for f in used], [f.time for f in used]
+        tracks = self._front_end.observed()
+        return start_in_motion(imu, stamps, times, tracks, self._calibration, self._config)
 
     def retime(self, change: float) -> None:
         """Move all frames in time, s, and try again with the next one."""

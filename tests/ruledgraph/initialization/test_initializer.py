@@ -61,10 +61,10 @@ def test_no_attempt_before_there_is_a_window_and_then_at_intervals(moving, monke
     monkeypatch.setattr(module, "start_in_motion", refused)
     run = Run(moving, image_motion=5.0)
     assert all(found is None for _, found in run.attempts(1.5))
-    np.testing.assert_allclose(sorted(set(tried)), [0.6, 0.85, 1.1, 1.35], atol=1e-6)
-    # The longest window there is, and the shortest one.
-    np.testing.assert_allclose(lengths, [0.6, 0.85, 0.6, 1.1, 0.6, 1.25, 0.6], atol=1e-6)
-    assert "no start at 0.60 s: none" in run.output.warnings[0]
+    np.testing.assert_allclose(sorted(set(tried)), [0.9, 1.15, 1.4], atol=1e-6)
+    # The longest window there is, and the shortest one, in turn.
+    np.testing.assert_allclose(lengths, [0.9, 0.9, 1.25], atol=1e-6)
+    assert "no start at 0.90 s: none" in run.output.warnings[0]
 
 
 def test_a_start_begins_at_the_first_frame_of_its_window(moving):
