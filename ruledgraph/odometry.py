@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The odometry: measurements in, estimates out. This file names the stages and their order."""
 
+import dataclasses
 from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -24,6 +25,7 @@ from ruledgraph.frontend.prefetch import Foreseen
 from ruledgraph.frontend.ruling_prediction import CameraMotion, predict
 from ruledgraph.frontend.tracks import Tracker
 from ruledgraph.imu.synchronizer import Intake, image_fault
+from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.initializer import Refusal, is_still, start_at_rest, start_in_motion
 from ruledgraph.integrity.monitor import Trust
 from ruledgraph.integrity.segments import Drift, Ended, Trial, continued
@@ -66,6 +68,9 @@ class Odometry(Output):
         super().__init__()
         self.calibration = calibration
         self.config = config or Config()
+        if calibration.time_offset_exact:
+            exact = dataclasses.replace(self.config.time_offset, estimate=False)
+            self.config = dataclasses.replace(self.config, time_offset=exact)
         edges = self.config.edges
         self.tracker = Tracker(calibration.camera, edges)
         self.window: Window | None = None
@@ -90,6 +95,8 @@ class Odometry(Output):
         self._last: Ended | None = None
         self._before: Ended | None = None
         self._retimed = False
+        self.clock = ClockSearch(calibration, self.config, self.warnings)
+        """Of the offset, by how the images turn."""
         self.time_offset = TimeOffset(calibration.time_offset, 0.0)
         """t_imu - t_cam, s, as last known; without deviation when it is not estimated."""
         if self.config.time_offset.estimate:
@@ -187,6 +194,9 @@ class Odometry(Output):
             lines = self._follow(seen, gradient)
         self._frames.append(seen)
         at_knot = False
+        if self.window is None or self._status != "still":
+            with self._timed("clock"):
+                self.clock.add_image(self._intake.seconds(frame.stamp), frame.image)
         if self.window is None:
             with self._timed("start"):
                 at_knot = self._try_start(seen)
@@ -196,6 +206,8 @@ class Odometry(Output):
                 self._advance(self.window, [f for f in self._frames if f.time > newest])
             at_knot = True
             if self._trial is not None and not self._passes(self._trial, self.window, seen.time):
+                return
+            if self._search_clock():
                 return
             if self._trust.lost or not self.window.is_plausible():
                 why = "most lines do not fit the estimate" if self._trust.lost else _RAN_AWAY
@@ -272,17 +284,20 @@ class Odometry(Output):
         """Begin a window if what was seen so far allows it."""
         if seen.time - self._last_attempt < _BETWEEN_ATTEMPTS:
             return False
-        length = self.config.start.window
+        if self._search_clock():
+            return False
+        config = self.clock.config
+        length = config.start.window
         if self._is_still(seen.time):
             used = [seen]
-            result = start_at_rest(self._imu, seen.stamp, seen.time - _REST, seen.time, self.config)
+            result = start_at_rest(self._imu, seen.stamp, seen.time - _REST, seen.time, config)
         elif self._imu.doubts(seen.time - length, seen.time):
             return False
         elif seen.time - self._frames[0].time >= length - _EARLY:
             used = [f for f in self._frames if f.time >= seen.time - length - _EARLY]
             stamps, times = [f.stamp for f in used], [f.time for f in used]
             result = start_in_motion(
-                self._imu, stamps, times, self.tracker.tracks, self.calibration, self.config
+                self._imu, stamps, times, self.tracker.tracks, self.calibration, config
             )
         else:
             return False
@@ -314,6 +329,20 @@ class Odometry(Output):
                 pending = []
         if len(used) > 1:
             self._optimize(self.window)
+        return True
+
+    def _search_clock(self) -> bool:
+        """Time the frames by the offset that the images tell, if that is another one."""
+        # Before a start the calibration stands until something speaks against it.
+        known = (
+            self.time_offset if self.window is not None else self.time_offset._replace(sigma=0.0)
+        )
+        found = self.clock.search(self._imu, known)
+        if found is None:
+            return False
+        self.finish()
+        self._retime(found.value - self.calibration.time_offset - self._intake.correction)
+        self._retimed, self.time_offset = False, found
         return True
 
     def _retime(self, change: float) -> None:
@@ -376,6 +405,7 @@ class Odometry(Output):
         self._frames.clear()
         self.tracker.tracks.clear()
         self._detection.forget()
+        self.clock.begin_anew()
         self._ahead = None
 
     def _is_still(self, time: float) -> bool:

@@ -92,12 +92,14 @@ class StartConfig:
 class TimeOffsetConfig:
     """The time offset between camera and IMU."""
 
-    estimate: bool = False
-    """Whether it is estimated while running; otherwise the calibration's stands."""
+    estimate: bool = True
+    """Whether it is estimated, before the start and while running; otherwise, and where the
+    calibration says that it is exact (`timeshift_exact: true`), the calibration's stands."""
     sigma: float = 0.01
     """Standard deviation of the calibration's, s."""
-    walk: float = 1e-4
-    """How fast it changes: standard deviation after one second, s."""
+    walk: float = 1e-3
+    """How fast it changes: standard deviation after one second, s. Stamps of arrival wander, and a
+    camera that exposes by itself moves the middle of its exposures: by 10 ms in 100 s."""
 
     def __post_init__(self) -> None:
         _require(1e-5 <= self.sigma <= 0.1, "sigma: must lie in 1e-5 to 0.1 s")

@@ -54,12 +54,7 @@ def examine_turning(
     if mounting is None:
         return
     if mounting.wrong:
-        yield Finding(
-            False,
-            f"points miss the gyroscope's turning by {mounting.error:.2g} px, and by "
-            f"{mounting.other:.2g} px with another mounting; is T_cam_imu the right way round, "
-            "and of this camera?",
-        )
+        yield Finding(False, mounting.text)
         return
     yield Finding(True, f"the images turn as the gyroscope says, to {mounting.error:.2g} px")
     found = fit_offset(pairs, samples, calibration, bias_sigma)

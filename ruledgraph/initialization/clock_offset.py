@@ -32,8 +32,8 @@ RANGE = 0.1
 """Offsets this far from the calibration's are searched, s."""
 # Of the search, s; between the last ones the minimum is interpolated.
 _STEP, _FINE = 0.01, 0.002
-# Images of a pair are this far apart at the least, s: less turning does not show.
-_APART = 0.045
+# Images of a pair are this far apart at the least, s: less turning does not show; and not so far.
+_APART, _TOO_FAR = 0.045, 0.3
 # Degrees of freedom, of three a pair, without which variances mean nothing.
 _FEWEST_FREE = 20
 # Others that are this many standard deviations away must be less likely by a chi^2 of this much,
@@ -64,15 +64,16 @@ class ClockOffsetFinder:
     Args:
         calibration: the offset is searched about its offset, `RANGE` to both sides.
         bias_sigma: standard deviation of the gyroscope's bias, rad/s.
-        pairs: so many pairs of images are kept at the most.
+        most: so many pairs of images are kept at the most.
     """
 
-    def __init__(self, calibration: Calibration, bias_sigma: float, pairs: int = 40) -> None:
+    def __init__(self, calibration: Calibration, bias_sigma: float, most: int = 40) -> None:
+        self.most = most
         self._calibration = calibration
         self._bias_sigma = bias_sigma
         self._before: tuple[float, NDArray[np.uint8]] | None = None
-        self._times: deque[tuple[float, float]] = deque(maxlen=pairs)
-        self._rays: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=pairs)
+        self._times: deque[tuple[float, float]] = deque(maxlen=most)
+        self._rays: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=most)
 
     def add_image(self, time: float, image: NDArray[np.uint8]) -> None:
         """The next image, with its stamp in s."""
@@ -80,7 +81,8 @@ class ClockOffsetFinder:
             before, last = self._before
             if time - before < _APART:
                 return
-            rays = followed_rays(last, image, self._calibration.camera)
+            near = time - before < _TOO_FAR
+            rays = followed_rays(last, image, self._calibration.camera) if near else None
             if rays is not None:
                 self._times.append((before, time))
                 self._rays.append(rays)
@@ -122,11 +124,11 @@ def fit_offset(
     """The offset by all of these pairs; see `ClockOffsetFinder`."""
     fit = TurnFit(pairs, samples, calibration, bias_sigma)
     steps = round(RANGE / _STEP)
-    coarse = calibration.time_offset + _STEP * np.arange(-steps, steps + 1)
+    coarse = np.array([calibration.time_offset + _STEP * i for i in range(-steps, steps + 1)])
     costs = fit.profile(coarse)
     best = int(np.argmin(costs.sum(axis=1)))
     around = np.linspace(-_STEP, _STEP, 2 * round(_STEP / _FINE) + 1)
-    fine: FloatArray = coarse[best] + around
+    fine = np.array([coarse[best] + t for t in around.tolist()])
     sums = fit.profile(fine).sum(axis=1)
     lowest = int(np.argmin(sums))
     if not 0 < lowest < len(fine) - 1:

@@ -35,6 +35,14 @@ class MountingCheck(NamedTuple):
         """Whether another one explains the points far better."""
         return self.other < _BETTER * self.error
 
+    @property
+    def text(self) -> str:
+        """What to say then."""
+        return (
+            f"points miss the gyroscope's turning by {self.error:.2g} px, and by {self.other:.2g} "
+            "px with another mounting; is T_cam_imu the right way round, and of this camera?"
+        )
+
 
 def check_mounting(
     pairs: PointPairs, samples: ImuSamples, calibration: Calibration, bias_sigma: float
