@@ -215,9 +215,9 @@ class Calibration:
     imu_noise: ImuNoise
     time_offset: float = 0.0
     """s; t_imu = t_cam + time_offset (Kalibr's `timeshift_cam_imu`)."""
-    time_offset_exact: bool = False
-    """Whether it is exact, as of cameras that the IMU's clock triggers, and not to be estimated
-    (`timeshift_exact: true` beside `timeshift_cam_imu`)."""
     image_topic: str | None = None
     """The topic the calibration was made for, when the file names one."""
     imu_topic: str | None = None
+    time_offset_exact: bool = False
+    """Whether `time_offset` is exact, as of cameras that the IMU's clock triggers, and not to be estimated
+    (`timeshift_exact: true` beside `timeshift_cam_imu`)."""
