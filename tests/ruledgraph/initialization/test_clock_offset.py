@@ -19,8 +19,8 @@ from ruledgraph_factors import ImuSamples
 BIAS_SIGMA = 0.1
 # Seconds, images and gyroscope samples a second, points, px of noise.
 LENGTH, FRAMES, RATE, POINTS, NOISE = 1.4, 20.0, 200.0, 60, 0.2
-# Three times the root mean square over 15 seeds with rates of 0.3 rad/s, rad.
-MOUNTING_ERROR = 3.0 * np.radians(0.35)
+# Four times the root mean square over 15 seeds with rates of 1 rad/s, rad.
+MOUNTING_ERROR = 4.0 * np.radians(0.17)
 BIAS = np.array([0.02, -0.05, 0.04])
 
 
@@ -84,13 +84,12 @@ def found(seed: int, offset: float, calibration: Calibration = D435I, size: floa
 @pytest.mark.parametrize("offset", [-0.06, -0.03, -0.005, 0.0, 0.03, 0.06])
 @pytest.mark.parametrize("seed", range(3))
 def test_the_offset_is_found(seed, offset):
-    """And the bias; the mounting is right. Within three reported standard deviations."""
+    """Within three reported standard deviations; and the bias."""
     result = found(seed, offset)
     assert result is not None
     assert result.sigma < 0.004
     assert abs(result.value - offset) < 3.0 * result.sigma
     np.testing.assert_allclose(result.gyroscope_bias, BIAS, atol=0.02)
-    assert np.all(np.abs(result.mounting) < MOUNTING_ERROR)
 
 
 def test_it_counts_from_the_calibration():
