@@ -340,7 +340,10 @@ class Odometry(Output):
         found = self.clock.search(self._imu, known)
         if found is None:
             return False
-        self.finish()
+        if self._trial is not None:
+            self._take_back(self._frames[-1].time)
+        elif self.window is not None:
+            self._end_segment()
         self._retime(found.value - self.calibration.time_offset - self._intake.correction)
         self._retimed, self.time_offset = False, found
         return True
@@ -364,15 +367,19 @@ class Odometry(Output):
             self.warnings.append(
                 f"the start in motion before {time:.2f} s is taken back: {trouble}"
             )
-            self._held, self._trial, self.window, self._ahead = [], None, None, None
-            self._live_by_stamp.clear()
-            self._last = self._before
-            self._segment -= 1
-            self._last_attempt = time
+            self._take_back(time)
             return False
         if passed:
             self._end_trial()
         return True
+
+    def _take_back(self, time: float) -> None:
+        """Forget a start that is on trial."""
+        self._held, self._trial, self.window, self._ahead = [], None, None, None
+        self._live_by_stamp.clear()
+        self._last = self._before
+        self._segment -= 1
+        self._last_attempt = time
 
     def _end_trial(self) -> None:
         self._live += self._held

@@ -29,7 +29,7 @@ class ClockSearch:
 
     def __init__(self, calibration: Calibration, config: Config, warnings: Messages) -> None:
         self.config = config
-        """All settings, the offset's standard deviation being that of what was found."""
+        """All settings, the offset's standard deviation being what is left after one was found."""
         self.found: ClockOffset | None = None
         """The last one, whether used or not."""
         self.used = False
@@ -66,8 +66,14 @@ class ClockSearch:
             self._check_mounting(self._finder, samples)
             return None
         self._finder, self.found = None, found
-        sigma = float(np.hypot(found.sigma, known.sigma))
-        if abs(found.value - known.value) < _SIGNIFICANT * sigma:
+        change = found.value - known.value
+        differs = abs(change) >= _SIGNIFICANT * np.hypot(found.sigma, known.sigma)
+        # What stands is known as well as that.
+        sigma = found.sigma if differs else float(np.hypot(found.sigma, change))
+        sigma = min(sigma, self.config.time_offset.sigma)
+        time_offset = dataclasses.replace(self.config.time_offset, sigma=sigma)
+        self.config = dataclasses.replace(self.config, time_offset=time_offset)
+        if not differs:
             return None
         self.used = True
         self._warnings.append(
@@ -75,8 +81,6 @@ class ClockSearch:
             f"(deviation {1e3 * found.sigma:.1f} ms, by how images and gyroscope turn), not "
             f"{1e3 * known.value:.1f} ms: correct timeshift_cam_imu"
         )
-        time_offset = dataclasses.replace(self.config.time_offset, sigma=found.sigma)
-        self.config = dataclasses.replace(self.config, time_offset=time_offset)
         return TimeOffset(found.value, found.sigma)
 
     def _check_mounting(self, finder: ClockOffsetFinder, samples: ImuSamples) -> None:
