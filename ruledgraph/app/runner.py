@@ -35,7 +35,7 @@ Record: TypeAlias = Callable[[Sequence[Estimate], Sequence[Estimate], Sequence[L
 Watch: TypeAlias = Callable[[Odometry, Frame], None]
 """Sees the odometry when it has been given a frame."""
 
-NO_ESTIMATE = "no estimate"
+NO_ESTIMATE = "without estimate"
 """The status of frames without one, in the summary."""
 
 # With estimates of fewer frames than this share, the likely causes are looked for.

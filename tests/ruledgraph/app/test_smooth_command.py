@@ -212,7 +212,7 @@ def test_without_an_estimate_it_failed_and_says_why(recording, tmp_path):
     assert result.exit_code == 3, result.output
     assert "failed: no frame could be estimated" in result.output
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["status"] == {"no estimate": summary["frames"]}
+    assert summary["status"] == {"without estimate": summary["frames"]}
     assert any("it starts in motion" in cause for cause in summary["likely_causes"])
     assert f"likely cause: {summary['likely_causes'][0]}" in result.output
 
