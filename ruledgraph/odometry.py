@@ -18,6 +18,7 @@ from ruledgraph.imu.camera_clock import CameraClock
 from ruledgraph.imu.frame_history import EARLY, FrameTime
 from ruledgraph.imu.propagation import rotation_between
 from ruledgraph.imu.synchronizer import Synchronizer, image_fault
+from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.initializer import Initializer
 from ruledgraph.initialization.trial import Trial
 from ruledgraph.integrity.rest import RestDetector
@@ -39,13 +40,19 @@ class Odometry(Output):
     def __init__(self, calibration: Calibration, config: Config | None = None) -> None:
         super().__init__()
         self.calibration = calibration
-        self.config = config = config or Config()
+        config = config or Config()
+        if calibration.time_offset_exact:
+            exact = config.time_offset.model_copy(update={"estimate": False})
+            config = config.model_copy(update={"time_offset": exact})
+        self.config = config
         sensors = Synchronizer(calibration, self.warnings, config.imu)
         front_end = FrontEnd(calibration.camera, config.edges, config.tracks, self.timings)
         rest = RestDetector(sensors, front_end.image_motion, config.rest)
         clock = CameraClock(sensors, calibration.time_offset, config.time_offset, self.warnings)
         self._stages = Stages(sensors, front_end, rest, clock, self)
         self._initializer = Initializer(calibration, config, self._stages)
+        self.clock_search = ClockSearch(calibration, config, self.warnings)
+        """Of the time offset, by how the images turn."""
         self._segment: TrajectorySegment | None = None
         self._trial: Trial | None = None
         self._segments = 0
@@ -133,13 +140,16 @@ class Odometry(Output):
         found = front_end.process(frame, now.time, self._predicted(now), detect_every)
         lines = 0 if self.window is None else sum(id_ in self.window.lines for id_ in found)
         sensors.frames.append(now)
+        if segment is None or self.status != "still":
+            with self.timings.measured("clock"):
+                self.clock_search.add_image(sensors.seconds(frame.stamp), frame.image)
         if segment is None:
             with self.timings.measured("start"):
                 due = self._try_start(now)
         elif due:
             with self.timings.measured("smoother"):
                 segment.advance()
-            if not self._holds(segment, now):
+            if not self._holds(segment, now) or self._search_clock(now.time):
                 return
         if self._segment is not None:
             self.status = self._segment.report(now, lines, due)
@@ -170,7 +180,9 @@ class Odometry(Output):
 
     def _try_start(self, now: FrameTime) -> bool:
         """Begin a segment if what was seen so far allows it."""
-        first = self._initializer.attempt(now)
+        if self._initializer.is_due(now.time) and self._search_clock(now.time):
+            return False
+        first = self._initializer.attempt(now, self.clock_search.config)
         if first is None:
             return False
         start, drift = first.start, Drift()
@@ -201,9 +213,7 @@ class Odometry(Output):
                 self.warnings.append(
                     f"the start in motion before {now.time:.2f} s is taken back: {trouble}"
                 )
-                self._segment = self._trial = None
-                self._segments -= 1
-                self._initializer.wait_from(now.time)
+                self._take_back(now.time)
                 return False
             if passed:
                 segment.confirm()
@@ -212,6 +222,29 @@ class Odometry(Output):
             self.warnings.append(f"{failure} at {now.time:.2f} s: a new segment begins")
             self._end_segment()
             return False
+        return True
+
+    def _take_back(self, time: float) -> None:
+        """Forget a start that is on trial."""
+        self._segment = self._trial = None
+        self._segments -= 1
+        self._initializer.wait_from(time)
+
+    def _search_clock(self, time: float) -> bool:
+        """Time the frames by the offset that the images tell, if that is another one."""
+        clock = self._stages.clock
+        # Before a start the calibration stands until something speaks against it.
+        known = clock.offset._replace(sigma=0.0) if self._segment is None else clock.offset
+        found = self.clock_search.search(self._stages.sensors.imu, known)
+        if found is None:
+            return False
+        if self._trial is not None:
+            self._take_back(time)
+        elif self._segment is not None:
+            self._end_segment()
+        correction = found.value - self.calibration.time_offset
+        self._initializer.retime(correction - self._stages.sensors.correction)
+        clock.offset = found
         return True
 
     def _break(self, gap: Gap) -> None:
@@ -241,6 +274,7 @@ class Odometry(Output):
         self.finish()
         self._stages.sensors.frames.clear()
         self._stages.front_end.clear()
+        self.clock_search.begin_anew()
 
 
 def smooth(

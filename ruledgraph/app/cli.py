@@ -228,6 +228,13 @@ def simulate(
     help="Settings, YAML.",
 )
 @click.option("--set", "settings", multiple=True, metavar="SECTION.KEY=VALUE", help="One setting.")
+@click.option(
+    "--time-offset",
+    type=click.FloatRange(-10.0, 10.0),
+    metavar="SECONDS",
+    help="How much later frames are taken than their stamps say, on the IMU's clock; instead of "
+    "the calibration's timeshift_cam_imu.",
+)
 @click.option("--plots", is_flag=True, help="Draw pictures of the results.")
 @click.option(
     "--rerun",
@@ -248,7 +255,8 @@ def smooth(recording: Path, **options: Any) -> None:
     """Estimate the metric trajectory and the lines of a RECORDING.
 
     RECORDING is what `ruledgraph info` reads. The results folder gets trajectory.tum (smoothed) and
-    trajectory_live.tum, states.csv, lines.csv, summary.json and the config.yaml in effect.
+    trajectory_live.tum, states.csv, lines.csv, summary.json and the config.yaml in effect. The exit
+    code is 3 when nothing could be estimated.
 
     \b
     Examples:

@@ -34,6 +34,11 @@ Record: TypeAlias = Callable[[Sequence[Estimate], Sequence[Estimate], Sequence[L
 Watch: TypeAlias = Callable[[Odometry, Frame], None]
 """Sees the odometry when it has been given a frame."""
 
+NO_ESTIMATE = "without estimate"
+"""The status of frames without one, in the summary."""
+
+# With estimates of fewer frames than this share, the likely causes are looked for.
+_FEW = 0.5
 # Measurements read ahead, a few frames' worth.
 _AHEAD = 64
 # Warnings listed in the summary; the rest are counted.
@@ -76,6 +81,7 @@ def run(
     ground_truth: GroundTruth | None = None,
     inputs: Mapping[str, str] | None = None,
     warnings: Callable[[], list[str]] = list,
+    causes: Callable[[], list[str]] = list,
     record: Record | None = None,
     watch: Watch | None = None,
     on_progress: Callable[[Progress], None] | None = None,
@@ -91,6 +97,7 @@ def run(
         ground_truth: to compare with at the end.
         inputs: what the recording, calibration and so on were, for the summary.
         warnings: asked at the end for what the recording's reader has to say.
+        causes: asked at the end, when few frames were estimated, for what it may come from.
         record: is handed what is written, as it comes.
         watch: sees the factor graph's odometry when it has been given a frame; what it has
             processed may be the frame before, see `FrameQueue`.
@@ -141,6 +148,8 @@ def run(
                 "inputs": dict(inputs or {}),
             }
             summary = about | _summary(odometry, tally, elapsed, lines, ended)
+            if ended == "complete" and tally.estimates < _FEW * max(tally.frames, 1):
+                summary["likely_causes"] = causes()
             if ground_truth is not None and tally.estimates:
                 summary["accuracy"] = _accuracy(output, ground_truth)
             results.summarize(summary)
@@ -205,11 +214,10 @@ def _summary(
         }
         for stage, timing in odometry.timings.items()
     }
-    clock_offset = {}
-    if isinstance(odometry, Odometry):
-        value, sigma = odometry.time_offset
-        estimated = odometry.config.time_offset.estimate
-        clock_offset = {"time_offset": {"s": value, "sigma_s": sigma, "estimated": estimated}}
+    statuses = dict(tally.statuses)
+    if tally.estimates < tally.frames:
+        statuses[NO_ESTIMATE] = tally.frames - tally.estimates
+    clock_offset = {"time_offset": _time_offset(odometry)} if isinstance(odometry, Odometry) else {}
     return clock_offset | {
         "ended": ended,
         "recording_s": tally.seconds,
@@ -217,13 +225,28 @@ def _summary(
         "real_time_factor": tally.seconds / elapsed if elapsed > 0.0 else 0.0,
         "frames": tally.frames,
         "frames_estimated": tally.estimates,
-        "status": dict(tally.statuses),
+        "status": statuses,
         "lines": tally.lines,
         "lines_in_view": tally.lines_in_view / max(tally.estimates, 1),
         "recoveries": odometry.recoveries,
         "warnings": warnings[:_MOST_WARNINGS],
         "warnings_left_off": max(0, len(warnings) - _MOST_WARNINGS) + odometry.warnings.left_off,
         "stages": stages,
+    }
+
+
+def _time_offset(odometry: Odometry) -> dict[str, Any]:
+    """What was given and found of the clock offset, s."""
+    value, sigma = odometry.time_offset
+    found = odometry.clock_search.found
+    return {
+        "s": value,
+        "sigma_s": sigma,
+        "estimated": odometry.config.time_offset.estimate,
+        "given_s": odometry.calibration.time_offset,
+        "images_s": None if found is None else found.value,
+        "images_sigma_s": None if found is None else found.sigma,
+        "images_used": odometry.clock_search.used,
     }
 
 

@@ -3,6 +3,7 @@
 """`ruledgraph smooth`: finds what it needs, runs it, and says what came of it."""
 
 import ctypes
+import dataclasses
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -24,8 +25,9 @@ from rich.progress import (
 )
 
 from ruledgraph.app.calibration_choice import calibration_for
+from ruledgraph.app.likely_causes import likely_causes
+from ruledgraph.app.runner import NO_ESTIMATE, Solver, Watch, run
 from ruledgraph.app.runner import Progress as RunProgress
-from ruledgraph.app.runner import Solver, Watch, run
 from ruledgraph.core.measurements import Frame
 from ruledgraph.core.settings import load_config
 from ruledgraph.evaluation.ground_truth import read_ground_truth
@@ -35,7 +37,10 @@ from ruledgraph.recording import Recording, open_recording
 _FEW_WARNINGS = 5
 # Of glibc's malloc.h.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
+_NOTHING_ESTIMATED = 3
+"""The exit code then."""
 _OFF = {
+    NO_ESTIMATE: "there was no start, or none held",
     "dead reckoning": "the IMU alone carried them",
     "doubtful": "images and IMU disagree",
 }
@@ -51,6 +56,7 @@ def smooth_command(
     ground_truth: str | None,
     config_file: Path | None,
     settings: Sequence[str],
+    time_offset: float | None,
     plots: bool,
     rerun: Path | None,
     solver: Solver,
@@ -65,6 +71,8 @@ def smooth_command(
     config = load_config(config_file, settings)
     source = open_recording(recording, **choice)
     calibration = calibration_for(recording, source, calibration_files, camera, imu)
+    if time_offset is not None:
+        calibration = dataclasses.replace(calibration, time_offset=time_offset)
     truth = read_ground_truth(ground_truth, source) if ground_truth else None
     if output is None:
         time = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
@@ -91,7 +99,10 @@ def smooth_command(
             output,
             solver=solver,
             ground_truth=truth,
-            inputs=_inputs(recording, calibration_files, ground_truth, choice),
+            inputs=_inputs(
+                recording, calibration_files, ground_truth, choice | {"time_offset": time_offset}
+            ),
+            causes=lambda: likely_causes(recording, calibration, choice),
             warnings=lambda: source.report.warnings,
             record=log.write if log else None,
             watch=_each(watchers) if watchers else None,
@@ -104,6 +115,8 @@ def smooth_command(
         click.echo(f"for the Rerun viewer: {rerun}")
     if plots:
         click.echo(f"on one page: ruledgraph report {shlex.quote(str(output))}")
+    if not summary["frames_estimated"] and summary["ended"] == "complete":
+        click.get_current_context().exit(_NOTHING_ESTIMATED)
 
 
 def _each(watchers: Sequence[Watch]) -> Watch:
@@ -183,6 +196,8 @@ def _tell(summary: dict[str, Any], output: Path, verbose: bool) -> None:
     for status, meaning in _OFF.items():
         if count := summary["status"].get(status, 0):
             click.echo(f"{count} frames {status}: {meaning}")
+    if "time_offset" in summary:
+        click.echo(_offset_text(summary["time_offset"]))
     for name, found in summary.get("accuracy", {}).items():
         click.echo(f"{name}: {_accuracy_text(found)}")
     if verbose:
@@ -192,6 +207,28 @@ def _tell(summary: dict[str, Any], output: Path, verbose: bool) -> None:
                 f"{times['p99_ms']:.1f} ms, max {times['max_ms']:.1f} ms"
             )
     click.echo(f"results: {output}")
+    if not summary["frames_estimated"] and summary["ended"] == "complete":
+        click.echo("failed: no frame could be estimated", err=True)
+    for cause in summary.get("likely_causes", []):
+        click.echo(f"likely cause: {cause}", err=True)
+
+
+def _offset_text(found: dict[str, Any]) -> str:
+    """What was used and found of the clock offset."""
+    given = f"{1e3 * found['given_s']:.1f} ms"
+    if not found["estimated"]:
+        return f"time offset: {given} as given, not estimated"
+    text = (
+        f"time offset: {1e3 * found['s']:.1f} ms (deviation {1e3 * found['sigma_s']:.1f} ms), "
+        f"{given} as given"
+    )
+    if found["images_s"] is not None:
+        text += (
+            f", {1e3 * found['images_s']:.1f} ms (deviation {1e3 * found['images_sigma_s']:.1f} "
+            "ms) by how images and gyroscope turn"
+        )
+        text += ", which was used" if found["images_used"] else ""
+    return text
 
 
 def _accuracy_text(found: dict[str, Any]) -> str:

@@ -64,6 +64,7 @@ def read_calibration(
         time_offset=section.number(
             "timeshift_cam_imu", -_LARGEST_TIME_OFFSET, _LARGEST_TIME_OFFSET, default=0.0
         ),
+        time_offset_exact=section.flag("timeshift_exact"),
         image_topic=section.text("rostopic") or None,
         imu_topic=(sources.imu.text("rostopic") or None) if sources.imu else None,
     )

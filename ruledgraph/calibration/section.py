@@ -53,6 +53,13 @@ class Section:
             raise self.error(key, "must be a word")
         return value
 
+    def flag(self, key: str) -> bool:
+        """Whether a key says `true`; without it, not."""
+        text = self.text(key, "false").lower()
+        if text not in ("true", "false"):
+            raise self.error(key, f"= {text[:40]!r} must be true or false")
+        return text == "true"
+
     def numbers(self, key: str) -> list[float]:
         """A list, a list of rows, or the `data` of a matrix as OpenCV and ROS write it."""
         if key not in self.values:

@@ -218,3 +218,6 @@ class Calibration:
     image_topic: str | None = None
     """The topic the calibration was made for, when the file names one."""
     imu_topic: str | None = None
+    time_offset_exact: bool = False
+    """Whether `time_offset` is exact, as of cameras that the IMU's clock triggers, and not to be
+    estimated (`timeshift_exact: true` beside `timeshift_cam_imu`)."""

@@ -112,12 +112,14 @@ class StartConfig(Section):
 class TimeOffsetConfig(Section):
     """The time offset between camera and IMU."""
 
-    estimate: bool = False
-    """Whether it is estimated while running; otherwise the calibration's stands."""
+    estimate: bool = True
+    """Whether it is estimated, before the start and while running; otherwise, and where the
+    calibration says that it is exact (`timeshift_exact: true`), the calibration's stands."""
     sigma: float = number(0.01, "s", 1e-5, 0.1)
     """Standard deviation of the calibration's."""
-    random_walk: float = number(1e-4, "s", 1e-6, 0.01)
-    """How fast it changes: standard deviation after one second."""
+    random_walk: float = number(1e-3, "s", 1e-6, 0.01)
+    """How fast it changes: standard deviation after one second. Stamps of arrival wander, and a
+    camera that exposes by itself moves the middle of its exposures: by 10 ms in 100 s."""
     max_step: float = number(2e-3, "s", 1e-5, 0.1)
     """The frames' times follow the estimate by this much a state at most: they stay in order."""
     settled_sigma: float = number(1e-3, "s", 1e-6, 0.1)

@@ -3,6 +3,7 @@
 """What a run tells of itself, in bounded memory: how long its stages took, its messages."""
 
 import math
+import re
 import time as clock
 from collections import defaultdict
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from contextlib import contextmanager
 _RATIO, _SHORTEST = 1.02, 1e-7
 # Messages that are kept of a run; the rest are counted.
 _MOST_MESSAGES = 200
+_FIGURES = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
 
 
 class Timing:
@@ -63,7 +65,10 @@ class Timings(defaultdict[str, Timing]):
 
 
 class Messages(list[str]):
-    """The first messages of a run; `append` and `once` count those that come after."""
+    """The messages of a run: of those that differ in figures alone the first, with their number.
+
+    Beyond the first kinds they are counted.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -73,10 +78,7 @@ class Messages(list[str]):
 
     def append(self, message: str) -> None:
         """Keep a message, or count it."""
-        if len(self) < _MOST_MESSAGES:
-            super().append(message)
-        else:
-            self.left_off += 1
+        self.counted(_FIGURES.sub("#", message), message)
 
     def once(self, kind: str, message: str) -> None:
         """Append the first message of a kind."""
@@ -87,9 +89,12 @@ class Messages(list[str]):
     def counted(self, kind: str, message: str) -> None:
         """Append the first message of a kind, and how often it came when it comes again."""
         if kind not in self._counts:
+            if len(self) >= _MOST_MESSAGES:
+                self.left_off += 1
+                return
             self._counts[kind] = len(self), 0, message
-            self.append(message)
+            super().append(message)
         place, count, first = self._counts[kind]
         self._counts[kind] = place, count + 1, first
-        if count and place < len(self):
+        if count:
             self[place] = f"{first} ({count + 1} times)"

@@ -50,8 +50,14 @@ class Initializer:
         """Whether it is time for another attempt, s."""
         return time - self._last_attempt >= self._config.start.between_attempts - EARLY
 
-    def attempt(self, now: FrameTime) -> FirstFrames | None:
-        """A start at the latest frame, if what was seen allows one; says why if it does not."""
+    def attempt(self, now: FrameTime, config: Config) -> FirstFrames | None:
+        """A start at the latest frame, if what was seen allows one; says why if it does not.
+
+        Args:
+            now: that frame.
+            config: all settings, with what is known of the time offset by now.
+        """
+        self._config = config
         if not self.is_due(now.time):
             return None
         found = self._at_rest(now) if self._rest.is_still(now.time) else self._in_motion(now)

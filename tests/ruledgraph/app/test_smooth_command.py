@@ -203,3 +203,28 @@ def test_the_readmes_python_runs(recording, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     exec(compile(block, "README.md", "exec"), {})
     assert len(capsys.readouterr().out.splitlines()) > 60
+
+
+def test_without_an_estimate_it_failed_and_says_why(recording, tmp_path):
+    """From motion, without lines that are long enough."""
+    arguments = ("--calibration", recording / "calib.yaml", "--start", 1.5, "--duration", 1.5)
+    arguments += ("--set", "edges.min_length=9000")
+    result = smooth(recording / "small.bag", *arguments, "--output", tmp_path / "out")
+    assert result.exit_code == 3, result.output
+    assert "failed: no frame could be estimated" in result.output
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["status"] == {"without estimate": summary["frames"]}
+    assert any("it starts in motion" in cause for cause in summary["likely_causes"])
+    assert f"likely cause: {summary['likely_causes'][0]}" in result.output
+
+
+def test_the_time_offset_can_be_given(recording, tmp_path):
+    arguments = ("--calibration", recording / "calib.yaml", "--duration", 1.0)
+    given = ("--time-offset", -0.012, "--set", "time_offset.estimate=false")
+    result = smooth(recording / "small.bag", *arguments, *given, "--output", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "time offset: -12.0 ms as given, not estimated" in result.output
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["inputs"]["time offset"] == "-0.012"
+    assert summary["time_offset"]["s"] == summary["time_offset"]["given_s"] == -0.012
+    assert not summary["time_offset"]["estimated"]

@@ -13,6 +13,7 @@ from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother, SmootherErro
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.start import Start
 from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Gap, Measurement
 from ruledgraph.core.settings import load_config
@@ -183,3 +184,23 @@ def test_without_estimating_the_calibration_stands():
     assert odometry.time_offset == TimeOffset(-0.010, 0.0)
     assert {e.time_offset for e in live} == {odometry.time_offset}
     assert ate(live, 10, moving=False) < 0.02
+
+
+def test_an_offset_of_60_ms_is_found_before_the_start():
+    """Further off than the window could see; within three sigmas, and the poses are good."""
+    odometry, live = run(*shifted(60, moving=True), Config())
+    value, sigma = odometry.time_offset
+    assert odometry.clock_search.used
+    assert abs(odometry.clock_search.found.value + 0.060) < 3.0 * odometry.clock_search.found.sigma
+    assert abs(value + 0.060) < 3.0 * sigma
+    assert ate(live, 60, moving=True) < 0.02
+    assert {e.segment for e in live} == {0}
+
+
+def test_an_exact_offset_is_not_estimated():
+    measurements, calibration = shifted(10, moving=False)
+    exact = dataclasses.replace(calibration, time_offset=-0.010, time_offset_exact=True)
+    odometry, live = run(measurements[: len(measurements) // 2], exact, ON)
+    assert live
+    assert odometry.time_offset == TimeOffset(-0.010, 0.0)
+    assert odometry.clock_search.found is None

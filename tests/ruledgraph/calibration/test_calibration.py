@@ -546,3 +546,18 @@ def test_writing_does_not_replace_a_file(file, tmp_path):
     assert path.read_text(encoding="utf-8") == CAM0
     with pytest.raises(CalibrationError, match="cannot be written: No such file"):
         write_kalibr(calibration, tmp_path / "no" / "folder.yaml")
+
+
+def test_a_file_can_say_that_the_time_offset_is_exact(tmp_path):
+    (tmp_path / "imu.yaml").write_text(IMU)
+    plain, exact, wrong = (tmp_path / f"{name}.yaml" for name in ("plain", "exact", "wrong"))
+    plain.write_text(CAM0)
+    exact.write_text(CAM0 + "  timeshift_exact: true\n")
+    wrong.write_text(CAM0 + "  timeshift_exact: maybe\n")
+    assert not read_calibration(plain, tmp_path / "imu.yaml").time_offset_exact
+    calibration = read_calibration(exact, tmp_path / "imu.yaml")
+    assert calibration.time_offset_exact
+    write_kalibr(calibration, tmp_path / "written.yaml")
+    assert read_calibration(tmp_path / "written.yaml").time_offset_exact
+    with pytest.raises(CalibrationError, match="cam0/timeshift_exact = 'maybe' must be true or"):
+        read_calibration(wrong, tmp_path / "imu.yaml")

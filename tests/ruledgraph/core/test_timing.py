@@ -33,10 +33,22 @@ def test_an_empty_stage_and_a_clock_that_stands():
 def test_messages_are_counted_when_there_are_too_many():
     messages = Messages()
     for i in range(1000):
-        messages.append(f"no start at {i} s")
-    assert messages[0] == "no start at 0 s"
+        messages.append("no start, " + "again " * i)
+    assert messages[0] == "no start, "
     assert len(messages) + messages.left_off == 1000
     assert len(messages) < 300
+
+
+def test_messages_that_differ_in_figures_alone_become_one():
+    messages = Messages()
+    for i in range(1000):
+        messages.append(f"no start at {0.25 * i:.2f} s: {i} lines, {1e-3 * i:.2g} m/s")
+    messages.append("no start at 3.00 s: too little motion")
+    assert messages == [
+        "no start at 0.00 s: 0 lines, 0 m/s (1000 times)",
+        "no start at 3.00 s: too little motion",
+    ]
+    assert messages.left_off == 0
 
 
 def test_some_are_said_once():

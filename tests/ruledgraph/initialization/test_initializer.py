@@ -40,7 +40,7 @@ class Run:
         for frame in self._frames:
             if frame.time <= until + 1e-9:
                 self.sensors.frames.append(frame)
-                found.append((frame.time, self.initializer.attempt(frame)))
+                found.append((frame.time, self.initializer.attempt(frame, Config())))
         return found
 
 

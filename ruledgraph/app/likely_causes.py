@@ -1,0 +1,29 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a run that yielded little may come from: the checks of `ruledgraph info`."""
+
+from pathlib import Path
+from typing import Any
+
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.diagnostics.info import inspect_recording
+
+_MOST = 3
+
+
+def likely_causes(recording: Path, calibration: Calibration, choice: dict[str, Any]) -> list[str]:
+    """The most telling of what is wrong with a recording and its calibration, likeliest first.
+
+    Args:
+        recording: its path.
+        calibration: that was used.
+        choice: topics and stretch, as for `inspect_recording`.
+    """
+    try:
+        info = inspect_recording(recording, calibrate=lambda *_: calibration, **choice)
+    except RuledgraphError as error:
+        return [str(error)]
+    # Mounting and clock are looked at last and explain most, then the calibration's figures.
+    wrong = [finding.text for finding in reversed(info.findings) if not finding.good]
+    return [*info.missing, *wrong][:_MOST]

@@ -1,0 +1,93 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""When the clock offset is looked for in a stream, and what is done with it.
+
+From the first images of a segment on until it is found: before the start, and where that was at
+rest in the first second that turns. It is used where it differs significantly from what was known.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.config import Config
+from ruledgraph.core.time_offset import TimeOffset
+from ruledgraph.core.timing import Messages
+from ruledgraph.imu.buffer import ImuBuffer
+from ruledgraph.initialization.clock_offset import ClockOffset, ClockOffsetFinder, covered
+from ruledgraph.initialization.mounting_check import check_mounting
+from ruledgraph_factors import ImuSamples
+
+# Standard deviations.
+_SIGNIFICANT = 3.0
+
+
+class ClockSearch:
+    """Looks for the clock offset until the images of a segment have told it."""
+
+    def __init__(self, calibration: Calibration, config: Config, warnings: Messages) -> None:
+        self.config = config
+        """All settings, the offset's standard deviation being what is left after one was found."""
+        self.found: ClockOffset | None = None
+        """The last one, whether used or not."""
+        self.used = False
+        """Whether frames were timed with one that was found."""
+        self._calibration = calibration
+        self._warnings = warnings
+        self._finder: ClockOffsetFinder | None = None
+        self._checked = False
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """A segment has ended."""
+        if self.config.time_offset.estimate:
+            bias_sigma = self.config.start.gyroscope_bias
+            self._finder = ClockOffsetFinder(self._calibration, bias_sigma)
+
+    def add_image(self, time: float, image: NDArray[np.uint8]) -> None:
+        """The next image, with its stamp in s."""
+        if self._finder is not None:
+            self._finder.add_image(time, image)
+
+    def search(self, imu: ImuBuffer, known: TimeOffset) -> TimeOffset | None:
+        """The offset, if it is found by now and differs significantly from the known one.
+
+        Args:
+            imu: the samples of the last seconds.
+            known: t_imu - t_cam, s, as far as it is known.
+        """
+        if self._finder is None:
+            return None
+        samples = imu.between(-np.inf, np.inf)
+        found = self._finder.find(samples)
+        if found is None:
+            self._check_mounting(self._finder, samples)
+            return None
+        self._finder, self.found = None, found
+        change = found.value - known.value
+        differs = abs(change) >= _SIGNIFICANT * np.hypot(found.sigma, known.sigma)
+        # What stands is known as well as that.
+        sigma = found.sigma if differs else float(np.hypot(found.sigma, change))
+        sigma = min(sigma, self.config.time_offset.sigma)
+        time_offset = self.config.time_offset.model_copy(update={"sigma": sigma})
+        self.config = self.config.model_copy(update={"time_offset": time_offset})
+        if not differs:
+            return None
+        self.used = True
+        self._warnings.append(
+            f"frames are taken {1e3 * found.value:.1f} ms after their stamps on the IMU's clock "
+            f"(deviation {1e3 * found.sigma:.1f} ms, by how images and gyroscope turn), not "
+            f"{1e3 * known.value:.1f} ms: correct timeshift_cam_imu"
+        )
+        return TimeOffset(found.value, found.sigma)
+
+    def _check_mounting(self, finder: ClockOffsetFinder, samples: ImuSamples) -> None:
+        """Once, when the images do not turn as the gyroscope says."""
+        if self._checked or finder.count < finder.most:
+            return
+        pairs = covered(finder.pairs, samples, self._calibration.time_offset)
+        bias_sigma = self.config.start.gyroscope_bias
+        mounting = check_mounting(pairs, samples, self._calibration, bias_sigma)
+        self._checked = mounting is not None
+        if mounting is not None and mounting.wrong:
+            self._warnings.append(mounting.text)

@@ -1,0 +1,88 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whether a calibrated mounting is grossly wrong: axes exchanged, T_imu_cam for T_cam_imu."""
+
+import dataclasses
+import itertools
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+
+from ruledgraph.calibration.sensors import Calibration, FloatArray
+from ruledgraph.initialization.clock_offset import fit_offset
+from ruledgraph.initialization.image_rotation import PointPairs
+from ruledgraph.initialization.turn_fit import TurnFit, body_turns
+from ruledgraph_factors import ImuSamples
+
+# Pairs of images and turning (rad/s, root mean square) without which nothing can be said.
+_FEWEST_PAIRS, _LEAST_TURNING = 20, 0.05
+# Another mounting must explain the points so much better to be believed.
+_BETTER = 0.7
+
+
+class MountingCheck(NamedTuple):
+    """What a calibrated mounting was found to be."""
+
+    error: float
+    """How far points miss the gyroscope's turns with it, px."""
+    other: float
+    """The same of the best of the other mountings, px."""
+
+    @property
+    def wrong(self) -> bool:
+        """Whether another one explains the points far better."""
+        return self.other < _BETTER * self.error
+
+    @property
+    def text(self) -> str:
+        """What to say then."""
+        return (
+            f"points miss the gyroscope's turning by {self.error:.2g} px, and by {self.other:.2g} "
+            "px with another mounting; is T_cam_imu the right way round, and of this camera?"
+        )
+
+
+def check_mounting(
+    pairs: PointPairs, samples: ImuSamples, calibration: Calibration, bias_sigma: float
+) -> MountingCheck | None:
+    """Compare the mounting with its inverse and those with the camera's axes exchanged.
+
+    Args:
+        pairs: of images, covered by `samples`.
+        samples: of the gyroscope.
+        calibration: whose mounting is judged.
+        bias_sigma: standard deviation of the gyroscope's bias, rad/s.
+
+    Returns:
+        None where there are too few pairs, or they turn too little.
+    """
+    offset = calibration.time_offset
+    rates = body_turns(pairs, samples, offset) / np.diff(pairs.times, axis=1)
+    if len(rates) < _FEWEST_PAIRS:
+        return None
+    if np.sqrt(np.sum(np.var(rates, axis=0))) < _LEAST_TURNING:
+        return None
+    found = fit_offset(pairs, samples, calibration, bias_sigma)
+    if found is not None:
+        offset = found.value
+
+    def error(mounting: FloatArray) -> float:
+        body_T_cam = gtsam.Pose3(gtsam.Rot3(mounting), calibration.body_T_cam.translation())
+        other = dataclasses.replace(calibration, body_T_cam=body_T_cam)
+        fit = TurnFit(pairs, samples, other, bias_sigma)
+        return fit.error(fit.best_at(offset))
+
+    said = calibration.body_T_cam.rotation().matrix()
+    return MountingCheck(error(said), min(map(error, _others(said))))
+
+
+def _others(said: FloatArray) -> Iterator[FloatArray]:
+    """The other 23 mountings with the camera's axes exchanged, and the inverse."""
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            R = np.eye(3)[list(order)] * signs
+            if np.linalg.det(R) > 0.0 and not np.allclose(R, np.eye(3)):
+                yield said @ R
+    yield said.T
