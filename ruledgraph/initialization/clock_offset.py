@@ -39,8 +39,9 @@ _FEWEST_FREE = 20
 # Others that are this many standard deviations away must be less likely by a chi^2 of this much,
 # which the best of twenty that are all equally wrong seldom reaches.
 _BEYOND, _BEATEN = 6.0, 30.0
-# Of an offset for all rows and images, s: stamps scatter, and a rolling shutter takes 10 to 30 ms.
-_UNMODELLED = 2e-3
+# What one offset for all rows and images leaves out, s: stamps scatter, and the rows of a rolling
+# shutter are read over 10 to 30 ms, which has a standard deviation of 3 to 9 ms.
+_UNMODELLED = 5e-3
 
 
 class ClockOffset(NamedTuple):

@@ -87,8 +87,8 @@ def test_the_offset_is_found(seed, offset):
     """Within three reported standard deviations; and the bias."""
     result = found(seed, offset)
     assert result is not None
-    assert result.sigma < 0.004
-    assert abs(result.value - offset) < 3.0 * result.sigma
+    assert result.sigma < 0.006  # of which 5 ms are what a rolling shutter may leave out
+    assert abs(result.value - offset) < 0.006
     np.testing.assert_allclose(result.gyroscope_bias, BIAS, atol=0.02)
 
 
