@@ -7,7 +7,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -95,12 +94,14 @@ inline LineChart line_from_ruling(const Pose& world_T_cam,
   }
   const Eigen::RowVector2d middle = points.colwise().mean();
   const PointRows offsets = points.rowwise() - middle;
-  const Eigen::Matrix2d scatter = offsets.transpose() * offsets;
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(scatter);  // in increasing order
-  if (!(axes.eigenvalues()[1] > kNegligible * kNegligible)) {
+  const double xx = offsets.col(0).squaredNorm(), yy = offsets.col(1).squaredNorm();
+  const double xy = offsets.col(0).dot(offsets.col(1));
+  if (!(std::sqrt(xx + yy) > kNegligible)) {
     throw std::invalid_argument("ruledgraph: all points of a line coincide");
   }
-  const Eigen::Vector2d along = axes.eigenvectors().col(1);
+  // The long axis of their scatter.
+  const double angle = 0.5 * std::atan2(2.0 * xy, xx - yy);
+  const Eigen::Vector2d along(std::cos(angle), std::sin(angle));
   Vector3 normal(-along.y(), along.x(), middle.x() * along.y() - middle.y() * along.x());
   normal.normalize();
   Vector3 ray(middle.x(), middle.y(), 1.0);
