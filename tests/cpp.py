@@ -13,6 +13,8 @@ import gtsam
 import numpy as np
 import pytest
 
+from ruledgraph_factors import get_cmake_dir
+
 FACTORS = Path(__file__).parents[1] / "factors"
 CPP = Path(__file__).with_name("factors") / "cpp"
 
@@ -49,6 +51,26 @@ def build(source: Path, into: Path, *flags: str) -> Path:
     program = into / source.stem
     compile_cpp(source, *flags, "-o", str(program))
     return program
+
+
+def cmake(*arguments: str | Path) -> str:
+    """What cmake says besides its progress."""
+    command = shutil.which("cmake")
+    if command is None:
+        pytest.skip("there is no cmake")
+    result = subprocess.run([command, *arguments], capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stderr
+
+
+def build_with_gtsam(project: Path, into: Path) -> Path:
+    """The folder with the programs of a CMake project, built with a real GTSAM."""
+    if not (os.environ.get("GTSAM_DIR") or os.environ.get("CMAKE_PREFIX_PATH")):
+        pytest.skip("neither GTSAM_DIR nor CMAKE_PREFIX_PATH says where a GTSAM for C++ is")
+    package = f"-Druledgraph_DIR={get_cmake_dir()}"
+    cmake("-S", project, "-B", into / "build", package, "-DCMAKE_BUILD_TYPE=Release")
+    cmake("--build", into / "build")
+    return into / "build"
 
 
 def run(program: Path, *arguments: str, text: str = "") -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import B, G, L, T, V, X
 
-from cpp import CPP, Reader, build, compile_cpp, numbers_of, run, stand_in
+from cpp import CPP, Reader, build, build_with_gtsam, compile_cpp, numbers_of, run, stand_in
 from numerics import factor_jacobians, read
 from random_factors import FORMS, POINTS, Case, random_case
 from ruledgraph_factors import CompressedPoints, RuledSurfaceFactor
@@ -22,9 +22,12 @@ def test_the_factors_compile_for_gtsam_4_2() -> None:
     compile_cpp(SOURCE, *stand_in(40200), "-fsyntax-only")
 
 
-@pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build(SOURCE, tmp_path_factory.mktemp("cpp"), *stand_in(40300))
+@pytest.fixture(scope="module", params=["stand-in", "real"])
+def program(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cpp")
+    if request.param == "real":
+        return build_with_gtsam(CPP, folder) / "factor_test"
+    return build(SOURCE, folder, *stand_in(40300))
 
 
 def numbers(case: Case, factor: RuledSurfaceFactor) -> list[object]:
