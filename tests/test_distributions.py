@@ -128,6 +128,16 @@ def test_each_wheel_holds_its_own_package(factors_wheel: Path, odometry_wheel: P
     assert not any("/frontend/native/" in name for name in contents(odometry_wheel))
 
 
+def test_the_wheel_of_the_factors_brings_the_cpp_headers(factors_wheel: Path) -> None:
+    package = "ruledgraph_factors"
+    headers = {path.relative_to(FACTORS) for path in FACTORS.glob("include/**/*.hpp")}
+    files = contents(factors_wheel)
+    assert {f"{package}/{header}" for header in headers} <= files
+    for file in ("ruledgraphConfig.cmake", "ruledgraphConfigVersion.cmake"):
+        assert f"{package}/cmake/{file}" in files
+    assert f"{package}/examples/line_in_graph.cpp" in files
+
+
 def test_a_clone_brings_its_own_factors(odometry_wheel: Path) -> None:
     lines = wheel_requirements(odometry_wheel)
     assert of_factors(lines) == [f"ruledgraph-factors @ {FACTORS.as_uri()}"]

@@ -5,8 +5,6 @@
 import re
 from pathlib import Path
 
-import pytest
-
 import ruledgraph_factors as rf
 from cpp import FACTORS, build_with_gtsam, cmake, compile_cpp, eigen_folder, run, stand_in
 
@@ -35,9 +33,9 @@ def test_every_block_of_the_page_is_a_part_of_the_example() -> None:
         assert without_layout(block) in example, block
 
 
-@pytest.mark.parametrize("version", [40200, 40300])
-def test_the_example_compiles(version: int) -> None:
-    compile_cpp(EXAMPLE, *stand_in(version), "-fsyntax-only")
+def test_the_example_compiles_for_gtsam_4_2() -> None:
+    # For 4.3 `test_cpp_factors.py` compiles the same headers.
+    compile_cpp(EXAMPLE, *stand_in(40200), "-fsyntax-only")
 
 
 def consume(folder: Path, package: Path) -> list[str]:

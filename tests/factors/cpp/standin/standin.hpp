@@ -114,6 +114,11 @@ class Pose3 {
       : rotation_(rotation), translation_(translation) {}
   const Rot3& rotation() const { return rotation_; }
   const Point3& translation() const { return translation_; }
+  Pose3 operator*(const Pose3& other) const {
+    const Matrix3 rotation = rotation_.matrix();
+    return Pose3(Rot3(rotation * other.rotation_.matrix()),
+                 rotation * other.translation_ + translation_);
+  }
   /// Right perturbation, rotation first; to first order that of GTSAM.
   Pose3 retract(const Vector6& v) const {
     const Matrix3 rotation = rotation_.matrix();
