@@ -9,7 +9,7 @@ import pytest
 from gtsam.symbol_shorthand import B, G, L, T, V, X
 
 from cpp import CPP, Reader, build, build_with_gtsam, numbers_of, run, stand_in
-from numerics import factor_jacobians, read
+from numerics import factor_jacobians
 from random_factors import FORMS, POINTS, Case, random_case
 from ruledgraph_factors import CompressedPoints, RuledSurfaceFactor
 
@@ -63,17 +63,14 @@ def test_residuals_and_jacobians_are_those_of_python(program: Path) -> None:
         residual = factor.unwhitenedError(values)
         jacobians = factor_jacobians(factor, values)
         theirs = found.take(residual.size)
-        squares = residual @ residual
-        assert abs(theirs @ theirs - squares) <= BOUND * max(1.0, squares)
+        # QR leaves the signs of a compressed frame's rows open.
+        signs = np.copysign(1.0, theirs) * np.copysign(1.0, residual)
+        assert np.abs(signs * theirs - residual).max() <= BOUND * max(1.0, np.abs(residual).max())
         for key in factor.keys():  # noqa: SIM118 - a GTSAM factor is no dict
             expected = jacobians[key]
-            block = found.take(expected.size).reshape(expected.shape)
+            block = signs[:, None] * found.take(expected.size).reshape(expected.shape)
             if key == G(0):
-                # The tangent basis of a Unit3 is GTSAM's own, the plane that it spans is not.
-                assert read(values, key).basis().shape == (3, 2)
+                # The basis of a Unit3's tangent plane is each library's own, the plane is not.
                 expected, block = expected @ expected.T, block @ block.T
-            bound = BOUND * max(1.0, np.abs(expected).max())
-            # A compressed frame's rows may differ in sign: QR leaves it open.
-            difference = np.abs(np.abs(block) - np.abs(expected))
-            assert difference.max() <= bound
+            assert np.abs(block - expected).max() <= BOUND * max(1.0, np.abs(expected).max())
     assert found.at_end
