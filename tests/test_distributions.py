@@ -17,6 +17,8 @@ from zipfile import ZipFile
 
 import pytest
 
+from _factors_requirement import Provider
+
 ROOT = Path(__file__).parents[1]
 FACTORS = ROOT / "factors"
 
@@ -31,6 +33,7 @@ pytestmark = [
 
 def run(*command: str | Path) -> str:
     environment = dict(os.environ, CXX="/there/is/no/compiler")
+    environment.pop("RULEDGRAPH_FACTORS", None)
     result = subprocess.run(
         [sys.executable, *command], capture_output=True, text=True, check=False, env=environment
     )
@@ -142,6 +145,21 @@ def test_a_clone_brings_its_own_factors(odometry_wheel: Path) -> None:
     lines = wheel_requirements(odometry_wheel)
     assert of_factors(lines) == [f"ruledgraph-factors @ {FACTORS.as_uri()}"]
     assert {"click", "evo", "gtsam", "matplotlib"} <= {line.split(">=")[0] for line in lines}
+
+
+@pytest.mark.parametrize("state", ["wheel", "editable"])
+def test_linked_factors_are_required_by_version(
+    state: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    provider = Provider()
+    provider.build_state(state)
+    project = {"version": "1.2.3"}
+    monkeypatch.setenv("RULEDGRAPH_FACTORS", "linked")
+    linked = provider.dynamic_metadata({}, project)
+    assert linked == {"dependencies": ["ruledgraph-factors==1.2.3"]}
+    monkeypatch.delenv("RULEDGRAPH_FACTORS")
+    copied = provider.dynamic_metadata({}, project)
+    assert copied == {"dependencies": [f"ruledgraph-factors @ {FACTORS.as_uri()}"]}
 
 
 def test_a_source_distribution_takes_the_factors_of_its_version_from_an_index(

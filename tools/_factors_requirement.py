@@ -6,8 +6,12 @@ In a clone both are one state of the code: the requirement is the folder beside 
 `pip install .` needs no index for it and cannot meet another version. A source distribution has no
 such folder and names the same version on the index; so does a wheel that is built from it. An index
 refuses a wheel that was built in a clone, because the requirement is a path.
+
+pip refuses to link the factors (`-e ./factors`) beside a requirement of them by path. Where
+RULEDGRAPH_FACTORS is "linked" the requirement is by version in a clone, too; `_venv.sh` sets it.
 """
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -30,6 +34,7 @@ class Provider:
     ) -> dict[str, list[str]]:
         """The requirement, to be added to the static ones."""
         del settings
-        if self._for_sdist or not (_FACTORS / "pyproject.toml").is_file():
+        linked = os.environ.get("RULEDGRAPH_FACTORS") == "linked"
+        if self._for_sdist or linked or not (_FACTORS / "pyproject.toml").is_file():
             return {"dependencies": [f"ruledgraph-factors=={project['version']}"]}
         return {"dependencies": [f"ruledgraph-factors @ {_FACTORS.as_uri()}"]}

@@ -70,10 +70,8 @@ ensure_venv() {
     rm -f "$stamp"
     # A venv whose creation was interrupted, or whose Python was upgraded, has no pip.
     .venv/bin/python -m pip --version >/dev/null 2>&1 || quietly .venv/bin/python -m ensurepip
-    # The project brings the factors as a copy (pip refuses both ways at once); then a link to them.
-    local pip=(.venv/bin/python -m pip --disable-pip-version-check install)
-    quietly "${pip[@]}" --editable ".$extra"
-    quietly "${pip[@]}" --no-deps --editable ./factors
+    RULEDGRAPH_FACTORS=linked quietly .venv/bin/python -m pip --disable-pip-version-check \
+        install --editable ./factors --editable ".$extra"
     echo "$wanted $extra" >"$stamp"
     echo "Installed $(.venv/bin/ruledgraph --version)"
 }
