@@ -53,10 +53,12 @@ ensure_venv() {
             quietly "$python" -m venv --clear .venv
         fi
     fi
-    # All that decides what is installed: the project's data, the sources of the native kernel and
+    # All that decides what is installed: the projects' data, the sources of the native kernels and
     # the names of the modules, which an editable install maps one by one.
     wanted=$(
-        cat pyproject.toml factors/CMakeLists.txt factors/src/* factors/include/*/*
+        cat pyproject.toml factors/pyproject.toml tools/_factors_requirement.py
+        find factors/{CMakeLists.txt,cmake,include,src} ruledgraph/frontend/native -type f |
+            LC_ALL=C sort | xargs cat
         find ruledgraph factors -name '*.py' | LC_ALL=C sort
     )
     wanted=$(cksum <<<"$wanted")
@@ -68,7 +70,8 @@ ensure_venv() {
     rm -f "$stamp"
     # A venv whose creation was interrupted, or whose Python was upgraded, has no pip.
     .venv/bin/python -m pip --version >/dev/null 2>&1 || quietly .venv/bin/python -m ensurepip
-    quietly .venv/bin/python -m pip --disable-pip-version-check install --editable ".$extra"
+    RULEDGRAPH_FACTORS=linked quietly .venv/bin/python -m pip --disable-pip-version-check \
+        install --editable ./factors --editable ".$extra"
     echo "$wanted $extra" >"$stamp"
     echo "Installed $(.venv/bin/ruledgraph --version)"
 }

@@ -5,6 +5,7 @@
 Needs gtsam and numpy alone. `EMBEDDING.md` beside this package is the guide.
 """
 
+from ruledgraph_factors.cpp import get_cmake_dir, get_include
 from ruledgraph_factors.errors import DegenerateWindowError, FactorError
 from ruledgraph_factors.factor import (
     RuledSurfaceFactor,
@@ -48,6 +49,8 @@ __all__ = [
     "WindowSolution",
     "active_kernel",
     "bin_points",
+    "get_cmake_dir",
+    "get_include",
     "line_distance_factor",
     "line_from_ruling",
     "new_line_factor",

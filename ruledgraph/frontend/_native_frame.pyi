@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is done in every frame, natively: `factors/src/native_frame.cpp`; internal.
+"""What is done in every frame, natively: `native/native_frame.cpp`; internal.
 
 Arrays are C-contiguous. Sizes that do not fit together, an unknown distortion model or a sigma that
 is not from 0 to 1000 px raise ValueError; types and shapes that do not fit the signature raise

@@ -55,7 +55,6 @@ struct ImuSamples {
     return found;
   }
 
- private:
   /// Force and rate at a time, interpolated linearly.
   std::pair<Vector3, Vector3> at(double time) const {
     const double* after = std::upper_bound(times.data(), times.data() + times.size(), time);

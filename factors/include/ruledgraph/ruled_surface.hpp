@@ -14,15 +14,16 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <utility>
 #include <vector>
 
+#include "ruledgraph/line_chart.hpp"
 #include "ruledgraph/so3.hpp"
 
 namespace ruledgraph {
 
-using Vector6 = Eigen::Matrix<double, 6, 1>;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
 constexpr int kColumns = 22;
@@ -44,21 +45,6 @@ struct State {
   double time_shift = 0.0;  ///< how much later the frames were taken; of a timed geometry
 };
 
-/// The constants of the line variable.
-struct LineChart {
-  Matrix3 world_R_anchor;
-  Vector3 world_t_anchor;
-  Matrix3 basis;
-  double angle;
-};
-
-/// A line's world Pluecker pair (moment, direction) and its derivative by the four coordinates;
-/// see `LineChart.plucker` in Python.
-struct PlueckerPair {
-  Vector6 value;
-  Eigen::Matrix<double, 6, 4> by_line;
-};
-
 /// Preintegrated motion from the knot to one frame.
 struct FrameMotion {
   double elapsed;
@@ -66,41 +52,6 @@ struct FrameMotion {
   Matrix6 bias_jacobian;                    ///< its derivative by the bias
   Vector6 time_jacobian = Vector6::Zero();  ///< and by the frame's time
 };
-
-/// The line of one state, in the world.
-struct WorldLine {
-  Vector3 normal, along;
-  double cosine, sine;
-  Matrix3 d_normal, d_along;  ///< by the last three of the line's coordinates
-};
-
-/// The line at these coordinates of a chart.
-inline WorldLine line_in_world(const LineChart& chart, const Eigen::Vector4d& line) {
-  const Exponential turn = exponential(line.tail<3>());
-  const double phi = chart.angle + line[0];
-  const Matrix3 world_R_line = chart.world_R_anchor * (chart.basis * turn.rotation);
-  // u1 and u2 turn with w = Jr delta.
-  return {world_R_line.col(0),
-          world_R_line.col(1),
-          std::cos(phi),
-          std::sin(phi),
-          -world_R_line * hat(Vector3::UnitX()) * turn.right_jacobian,
-          -world_R_line * hat(Vector3::UnitY()) * turn.right_jacobian};
-}
-
-inline PlueckerPair plucker(const LineChart& chart, const Eigen::Vector4d& line) {
-  const WorldLine world = line_in_world(chart, line);
-  const Matrix3 across = hat(chart.world_t_anchor);
-  const Vector3 turned = across * world.along;
-  PlueckerPair pair;
-  pair.value << world.cosine * world.normal + world.sine * turned, world.sine * world.along;
-  pair.by_line.col(0) << world.cosine * turned - world.sine * world.normal,
-      world.cosine * world.along;
-  pair.by_line.topRightCorner<3, 3>() =
-      world.cosine * world.d_normal + world.sine * (across * world.d_along);
-  pair.by_line.bottomRightCorner<3, 3>() = world.sine * world.d_along;
-  return pair;
-}
 
 /// The line in one camera, up to the common scale of its unit Pluecker pair.
 struct CameraLine {
@@ -125,6 +76,28 @@ class Geometry {
         timed_(timed) {}
 
   std::size_t frames() const { return frames_.size(); }
+  const LineChart& chart() const { return chart_; }
+
+  /// Whether all constants are those of another, to a tolerance.
+  bool equals(const Geometry& other, double tolerance) const {
+    const auto close = [&](const auto& a, const auto& b) {
+      return (a - b).cwiseAbs().maxCoeff() <= tolerance;
+    };
+    const auto same_frame = [&](const FrameMotion& a, const FrameMotion& b) {
+      return std::abs(a.elapsed - b.elapsed) <= tolerance &&
+             close(a.preintegrated, b.preintegrated) && close(a.bias_jacobian, b.bias_jacobian) &&
+             close(a.time_jacobian, b.time_jacobian);
+    };
+    return timed_ == other.timed_ && close(chart_.world_R_anchor, other.chart_.world_R_anchor) &&
+           close(chart_.world_t_anchor, other.chart_.world_t_anchor) &&
+           close(chart_.basis, other.chart_.basis) &&
+           std::abs(chart_.angle - other.chart_.angle) <= tolerance &&
+           close(cam_R_body_, other.cam_R_body_) && close(body_t_cam_, other.body_t_cam_) &&
+           close(bias_, other.bias_) &&
+           std::equal(frames_.begin(), frames_.end(), other.frames_.begin(), other.frames_.end(),
+                      same_frame);
+  }
+
   bool timed() const { return timed_; }
   Eigen::Index columns() const { return kColumns + (timed_ ? 1 : 0); }
 

@@ -4,7 +4,8 @@
 // The gradient of a lightly blurred image, in plain C++. The native version of `gradient_by_opencv`
 // in `ruledgraph/frontend/gradient.py`, which says what is computed and stays the reference: the
 // same to the rounding of float. It goes through the image once, row by row, with what it needs of
-// the rows before in the processor's cache.
+// the rows before in the processor's cache. `GradientView` is the native version of `Gradient`
+// there.
 #pragma once
 
 #include <array>
@@ -13,12 +14,15 @@
 #include <cstdint>
 #include <vector>
 
+#include "camera.hpp"
+
 namespace ruledgraph {
 
 constexpr int kBlurReach = 4;
 constexpr double kBlurDeviation = 1.0;
 /// Scharr's derivative is 32 times the grey levels per pixel.
 constexpr float kScharr = 1.0F / 32.0F;
+constexpr double kBorder = 3.0;
 
 namespace detail {
 
@@ -112,5 +116,37 @@ inline void gradient(const std::uint8_t* image, int width, int height, float* xy
     }
   }
 }
+
+/// The image gradient, x and y side by side, rows from the top; not owned.
+struct GradientView {
+  const float* xy;
+  int width, height;
+
+  bool inside(Point pixel) const {
+    return pixel.x >= kBorder && pixel.y >= kBorder && pixel.x <= width - 1.0 - kBorder &&
+           pixel.y <= height - 1.0 - kBorder;
+  }
+
+  /// Derivative along a unit direction by bilinear interpolation; outside the image 0.
+  float along(Point pixel, Point direction) const {
+    return inside(pixel) ? interpolated(pixel, direction) : 0.0F;
+  }
+
+  /// `along` of a pixel that is inside.
+  float interpolated(Point pixel, Point direction) const {
+    const auto column = static_cast<std::int64_t>(pixel.x);
+    const auto row = static_cast<std::int64_t>(pixel.y);
+    const auto u = static_cast<float>(pixel.x - static_cast<double>(column));
+    const auto v = static_cast<float>(pixel.y - static_cast<double>(row));
+    const float* top = xy + 2 * (row * width + column);
+    const float* bottom = top + 2 * static_cast<std::int64_t>(width);
+    const auto blend = [&](int axis) {
+      const float above = top[axis] * (1.0F - u) + top[axis + 2] * u;
+      const float below = bottom[axis] * (1.0F - u) + bottom[axis + 2] * u;
+      return above * (1.0F - v) + below * v;
+    };
+    return blend(0) * static_cast<float>(direction.x) + blend(1) * static_cast<float>(direction.y);
+  }
+};
 
 }  // namespace ruledgraph

@@ -2,22 +2,21 @@
 // SPDX-License-Identifier: BSD-3-Clause
 //
 // Edge points along predicted rulings, in plain C++; `search` is the entry. The native version of
-// `search` in `ruledgraph/frontend/edge_search.py` and of `Gradient` beside it, which say what is
-// computed and stay the reference: same steps, same order of operations, same names. Slopes are
-// float there and here.
+// `search` in `ruledgraph/frontend/edge_search.py`, which says what is computed and stays the
+// reference: same steps, same order of operations, same names. Slopes are float there and here.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <cstdint>
 #include <cstdlib>
 #include <optional>
 #include <tuple>
 #include <utility>
 #include <vector>
 
-#include "ruledgraph/camera.hpp"
+#include "camera.hpp"
+#include "gradient.hpp"
 
 namespace ruledgraph {
 
@@ -29,40 +28,7 @@ constexpr float kStripeShare = 0.4F;
 constexpr double kVote = 1.0, kInlier = 0.7;
 constexpr double kApart = 3.0, kAmbiguous = 0.85;
 constexpr double kLeastSupport = 0.35;
-constexpr double kBorder = 3.0;
 constexpr double kGrowth = 0.3;
-
-/// The image gradient, x and y side by side, rows from the top; not owned.
-struct GradientView {
-  const float* xy;
-  int width, height;
-
-  bool inside(Point pixel) const {
-    return pixel.x >= kBorder && pixel.y >= kBorder && pixel.x <= width - 1.0 - kBorder &&
-           pixel.y <= height - 1.0 - kBorder;
-  }
-
-  /// Derivative along a unit direction by bilinear interpolation; outside the image 0.
-  float along(Point pixel, Point direction) const {
-    return inside(pixel) ? interpolated(pixel, direction) : 0.0F;
-  }
-
-  /// `along` of a pixel that is inside.
-  float interpolated(Point pixel, Point direction) const {
-    const auto column = static_cast<std::int64_t>(pixel.x);
-    const auto row = static_cast<std::int64_t>(pixel.y);
-    const auto u = static_cast<float>(pixel.x - static_cast<double>(column));
-    const auto v = static_cast<float>(pixel.y - static_cast<double>(row));
-    const float* top = xy + 2 * (row * width + column);
-    const float* bottom = top + 2 * static_cast<std::int64_t>(width);
-    const auto blend = [&](int axis) {
-      const float above = top[axis] * (1.0F - u) + top[axis + 2] * u;
-      const float below = bottom[axis] * (1.0F - u) + bottom[axis + 2] * u;
-      return above * (1.0F - v) + below * v;
-    };
-    return blend(0) * static_cast<float>(direction.x) + blend(1) * static_cast<float>(direction.y);
-  }
-};
 
 /// A predicted segment: ends, normalised; deviation across it at both, px; usual signed slope.
 struct Ruling {

@@ -19,11 +19,11 @@
 #include <utility>
 #include <vector>
 
-#include "ruledgraph/camera.hpp"
+#include "camera.hpp"
+#include "edge_search.hpp"
+#include "gradient.hpp"
+#include "prediction.hpp"
 #include "ruledgraph/compress.hpp"
-#include "ruledgraph/edge_search.hpp"
-#include "ruledgraph/gradient.hpp"
-#include "ruledgraph/prediction.hpp"
 
 namespace nb = nanobind;
 

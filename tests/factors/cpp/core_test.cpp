@@ -2,17 +2,20 @@
 // SPDX-License-Identifier: BSD-3-Clause
 //
 // The C++ headers by themselves, with nothing but Eigen: derivatives against central differences,
-// and the behaviour at degenerate geometry. `test_cpp_headers.py` compiles and runs it.
+// and the behaviour at degenerate geometry. With an argument it computes what Python does, too,
+// from standard input to standard output. `test_cpp_headers.py` compiles and runs it.
 
 #undef NDEBUG
-#include "ruledgraph/ruled_surface.hpp"
-
 #include <cassert>
 #include <cstdio>
 #include <functional>
 #include <limits>
 
-#include "ruledgraph/preintegration.hpp"
+#include "ruledgraph/frame_motions.hpp"
+#include "ruledgraph/new_line.hpp"
+#include "ruledgraph/observations.hpp"
+#include "ruledgraph/ruled_surface.hpp"
+#include "stream.hpp"
 
 namespace {
 
@@ -105,7 +108,7 @@ IndividualPoints random_points() {
 }
 
 void derivatives_are_right() {
-  for (int i = 0; i < 200; ++i) {
+  for (int i = 0; i < 50; ++i) {
     const State state = random_state();
     const Geometry geometry = random_geometry(state, i % 2 == 0);
     check_jacobian(geometry, random_statistics(), state);
@@ -179,11 +182,131 @@ void preintegration_differentiates_by_the_bias() {
   assert(relative_error(integrated(VectorXd::Zero(6)).d_bias, numeric) < 1e-7);
 }
 
+template <typename Call>
+bool throws(const Call& call) {
+  try {
+    call();
+  } catch (const std::invalid_argument&) {
+    return true;
+  }
+  return false;
+}
+
+void wrong_arguments_are_refused() {
+  const Pose origin;
+  const Vector3 x = Vector3::UnitX(), zero = Vector3::Zero();
+  assert(throws([&] { chart_from_plucker(origin, zero, zero); }));
+  assert(throws([&] { chart_from_points(origin, x, x); }));
+  const LineChart through_centre = chart_from_points(origin, x, 2.0 * x);
+  assert(
+      throws([&] { reanchor(through_centre, Vector4::Zero(), {Matrix3::Identity(), 3.0 * x}); }));
+  const LineChart far = chart_from_plucker(origin, x, zero);
+  assert(throws([&] { closest_point(far, Vector4::Zero()); }));
+  PointRows same(2, 2);
+  same << 0.1, 0.2, 0.1, 0.2;
+  assert(throws([&] { line_from_ruling(origin, same, 0.5); }));
+  assert(throws([&] { line_from_ruling(origin, same.topRows(1), 0.5); }));
+  same(1, 0) = 0.3;
+  assert(!throws([&] { line_from_ruling(origin, same, 0.5); }));
+  assert(throws([&] { line_from_ruling(origin, same, -0.5); }));
+  assert(throws([] { compress_points({PointRows(0, 2)}); }));
+  assert(throws([&] { individual_points({same}, 0.0); }));
+
+  const Eigen::Vector3d times(0.0, 0.1, 0.2);
+  const Eigen::Matrix3d still = Eigen::Matrix3d::Zero();
+  const Eigen::Matrix3d spinning = Eigen::Matrix3d::Constant(20.0);
+  const auto preintegrated = [&](const Eigen::Matrix3d& rate, double knot,
+                                 const std::vector<double>& frames) {
+    return preintegrate_frames({{times.data(), 3}, {still.data(), 3, 3}, {rate.data(), 3, 3}}, knot,
+                               frames, Vector6::Zero());
+  };
+  assert(!throws([&] { preintegrated(still, 0.0, {0.0, 0.2}); }));
+  assert(throws([&] { preintegrated(still, 0.1, {0.0, 0.2}); }));
+  assert(throws([&] { preintegrated(still, 0.0, {0.1, 0.1}); }));
+  assert(throws([&] { preintegrated(still, 0.0, {0.1, 0.3}); }));
+  assert(throws([&] { preintegrated(still, 0.0, {}); }));
+  assert(throws([&] { preintegrated(spinning, 0.0, {0.2}); }));
+}
+
+void write_line(const LineChart& chart) {
+  write(chart.basis);
+  write(chart.angle);
+}
+
+void write_line(const OfLine& found) {
+  write(found.value);
+  write(found.by_line);
+}
+
+void write_chart() {
+  const Pose anchor = read_plain_pose(), other = read_plain_pose();
+  const Vector3 moment = read_fixed<3>(), along = read_fixed<3>(), to = read_fixed<3>();
+  const Vector4 delta = read_fixed<4>();
+  const LineChart chart = chart_from_plucker(anchor, moment, along);
+  const PlueckerPair pair = plucker(chart, delta);
+  write(pair.value);
+  write(pair.by_line);
+  write_line(direction(chart, delta));
+  write_line(closest_point(chart, delta));
+  write_line(closest_point(chart, delta, to));
+  const Reanchored found = reanchor(chart, delta, other);
+  write_line(chart);
+  write_line(found.chart);
+  write(found.by_line);
+  const PointRows points = read_rows(2);
+  write_line(line_from_ruling(anchor, points, read_number()));
+}
+
+void write_motions() {
+  const Eigen::MatrixXd samples = read_rows(7).transpose();  // time, force, rate
+  const Eigen::VectorXd times = samples.row(0);
+  const Eigen::Matrix3Xd force = samples.middleRows<3>(1), rate = samples.bottomRows<3>();
+  const double knot = read_number();
+  const Eigen::VectorXd at = read_rows(1);
+  const Vector6 bias = read_fixed<6>();
+  const Eigen::Index n = times.size();
+  const FrameMotions motions =
+      preintegrate_frames({{times.data(), n}, {force.data(), 3, n}, {rate.data(), 3, n}}, knot,
+                          {at.data(), at.data() + at.size()}, bias, true);
+  const Pose start = read_plain_pose();
+  State state{start.rotation, start.position, read_fixed<3>(), {}, {0.0, 0.0, -9.81}, {}};
+  state.bias = read_fixed<6>();
+  for (std::size_t i = 0; i < motions.frames.size(); ++i) {
+    const FrameMotion frame = motions.select({i}).frames.front();
+    write(frame.elapsed);
+    write(frame.preintegrated);
+    write(frame.bias_jacobian);
+    write(frame.time_jacobian);
+    const Pose pose = frame_pose(motions, i, state);
+    write(pose.rotation);
+    write(pose.position);
+  }
+}
+
+void write_points() {
+  const std::vector<PointRows> frames = read_frames();
+  const double cap = read_number();
+  for (const Matrix3& C : compress_points(frames, cap).statistics) write(C.transpose() * C);
+  const IndividualPoints individual = individual_points(frames, cap);
+  write(individual.points.transpose());
+  write(individual.sqrt_weights);
+  for (const Eigen::Index count : individual.counts) write(static_cast<double>(count));
+}
+
 }  // namespace
 
-int main() {
-  derivatives_are_right();
-  degenerate_geometry_is_defined();
-  preintegration_differentiates_by_the_bias();
-  std::puts("passed");
+int main(int count, char**) {
+  if (count == 1) {
+    derivatives_are_right();
+    degenerate_geometry_is_defined();
+    preintegration_differentiates_by_the_bias();
+    wrong_arguments_are_refused();
+    std::puts("passed");
+    return 0;
+  }
+  for (double kind; std::cin >> kind;) {
+    if (kind == 0.0) write_chart();
+    if (kind == 1.0) write_motions();
+    if (kind == 2.0) write_points();
+  }
 }

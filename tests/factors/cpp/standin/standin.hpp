@@ -1,0 +1,249 @@
+// SPDX-FileCopyrightText: The ruledgraph developers
+// SPDX-License-Identifier: BSD-3-Clause
+//
+// A stand-in, written for the tests, of the few GTSAM classes that ruledgraph's headers touch, with
+// the interfaces of GTSAM 4.3 or, with STANDIN_VERSION 40200, of 4.2. It computes what the tests
+// need: variables, retractions, unwhitened errors.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <any>
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <iostream>
+#include <map>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#define GTSAM_VERSION_NUMERIC STANDIN_VERSION
+
+#if STANDIN_VERSION < 40300
+namespace boost {
+
+struct none_t {};
+constexpr none_t none{};
+
+template <typename T>
+class optional;
+
+/// To a reference, the only kind that GTSAM's interface has here.
+template <typename T>
+class optional<T&> {
+ public:
+  optional() = default;
+  optional(none_t) {}
+  optional(T& value) : value_(&value) {}
+  explicit operator bool() const { return value_ != nullptr; }
+  T& operator*() const { return *value_; }
+  T* operator->() const { return value_; }
+
+ private:
+  T* value_ = nullptr;
+};
+
+/// Not a std::shared_ptr, nor made from one.
+template <typename T>
+class shared_ptr {
+ public:
+  shared_ptr() = default;
+  template <typename Derived>
+  explicit shared_ptr(Derived* owned) : owner_(owned) {}
+  template <typename Derived>
+  shared_ptr(const shared_ptr<Derived>& other) : owner_(other.owner_) {}
+  explicit operator bool() const { return owner_ != nullptr; }
+  T& operator*() const { return *owner_; }
+  T* operator->() const { return owner_.get(); }
+
+ private:
+  template <typename Other>
+  friend class shared_ptr;
+  std::shared_ptr<T> owner_;
+};
+
+}  // namespace boost
+#endif
+
+namespace gtsam {
+
+#if STANDIN_VERSION < 40300
+template <typename T>
+using Shared = boost::shared_ptr<T>;
+#else
+template <typename T>
+using Shared = std::shared_ptr<T>;
+#endif
+
+using Vector = Eigen::VectorXd;
+using Vector2 = Eigen::Vector2d;
+using Vector3 = Eigen::Vector3d;
+using Vector4 = Eigen::Vector4d;
+using Vector6 = Eigen::Matrix<double, 6, 1>;
+using Matrix = Eigen::MatrixXd;
+using Matrix3 = Eigen::Matrix3d;
+using Matrix32 = Eigen::Matrix<double, 3, 2>;
+using Point3 = Vector3;
+
+using Key = std::uint64_t;
+using KeyVector = std::vector<Key>;
+using KeyFormatter = std::function<std::string(Key)>;
+inline const KeyFormatter DefaultKeyFormatter = [](Key key) { return std::to_string(key); };
+
+class Rot3 {
+ public:
+  Rot3() = default;
+  explicit Rot3(const Matrix3& matrix) : matrix_(matrix) {}
+  static Rot3 Expmap(const Vector3& v) {
+    const double angle = v.norm();
+    if (angle == 0.0) return Rot3();
+    return Rot3(Eigen::AngleAxisd(angle, v / angle).toRotationMatrix());
+  }
+  Matrix3 matrix() const { return matrix_; }
+
+ private:
+  Matrix3 matrix_ = Matrix3::Identity();
+};
+
+class Pose3 {
+ public:
+  Pose3() = default;
+  Pose3(const Rot3& rotation, const Point3& translation)
+      : rotation_(rotation), translation_(translation) {}
+  const Rot3& rotation() const { return rotation_; }
+  const Point3& translation() const { return translation_; }
+  Pose3 operator*(const Pose3& other) const {
+    const Matrix3 rotation = rotation_.matrix();
+    return Pose3(Rot3(rotation * other.rotation_.matrix()),
+                 rotation * other.translation_ + translation_);
+  }
+  /// Right perturbation, rotation first; to first order that of GTSAM.
+  Pose3 retract(const Vector6& v) const {
+    const Matrix3 rotation = rotation_.matrix();
+    return Pose3(Rot3(rotation * Rot3::Expmap(v.head<3>()).matrix()),
+                 translation_ + rotation * v.tail<3>());
+  }
+
+ private:
+  Rot3 rotation_;
+  Point3 translation_ = Point3::Zero();
+};
+
+class Unit3 {
+ public:
+  explicit Unit3(const Vector3& v) : vector_(v.normalized()) {}
+  Vector3 unitVector() const { return vector_; }
+  Matrix32 basis() const {
+    const Vector3 first = vector_.unitOrthogonal();
+    return (Matrix32() << first, vector_.cross(first)).finished();
+  }
+  Unit3 retract(const Vector2& v) const { return Unit3(vector_ + basis() * v); }
+
+ private:
+  Vector3 vector_;
+};
+
+namespace imuBias {
+
+class ConstantBias {
+ public:
+  ConstantBias() = default;
+  explicit ConstantBias(const Vector6& v) : vector_(v) {}
+  Vector6 vector() const { return vector_; }
+
+ private:
+  Vector6 vector_ = Vector6::Zero();
+};
+
+}  // namespace imuBias
+
+class Values {
+ public:
+  template <typename T>
+  void insert(Key key, const T& value) {
+    values_.emplace(key, value);
+  }
+  template <typename T>
+  void update(Key key, const T& value) {
+    values_[key] = value;
+  }
+  template <typename T>
+  const T at(Key key) const {
+    return std::any_cast<T>(values_.at(key));
+  }
+
+ private:
+  std::map<Key, std::any> values_;
+};
+
+namespace noiseModel {
+
+class Base {
+ public:
+  explicit Base(std::size_t dim) : dim_(dim) {}
+  std::size_t dim() const { return dim_; }
+
+ private:
+  std::size_t dim_;
+};
+
+struct Unit {
+  static Shared<Base> Create(std::size_t dim) { return Shared<Base>(new Base(dim)); }
+};
+
+}  // namespace noiseModel
+
+using SharedNoiseModel = Shared<noiseModel::Base>;
+
+class NonlinearFactor {
+ public:
+  using shared_ptr = Shared<NonlinearFactor>;
+
+  explicit NonlinearFactor(KeyVector keys) : keys_(std::move(keys)) {}
+  virtual ~NonlinearFactor() = default;
+  const KeyVector& keys() const { return keys_; }
+  virtual void print(const std::string& s = "",
+                     const KeyFormatter& formatter = DefaultKeyFormatter) const {
+    std::cout << s;
+    for (const Key key : keys_) std::cout << " " << formatter(key);
+    std::cout << "\n";
+  }
+  virtual bool equals(const NonlinearFactor& other, double = 1e-9) const {
+    return keys_ == other.keys_;
+  }
+  virtual shared_ptr clone() const = 0;
+
+ protected:
+  KeyVector keys_;
+};
+
+#if STANDIN_VERSION < 40300
+using JacobiansOut = boost::optional<std::vector<Matrix>&>;
+#else
+using OptionalMatrixVecType = std::vector<Matrix>*;
+using JacobiansOut = OptionalMatrixVecType;
+#endif
+
+class NoiseModelFactor : public NonlinearFactor {
+ public:
+  NoiseModelFactor(const SharedNoiseModel& noise_model, const KeyVector& keys)
+      : NonlinearFactor(keys), noise_model_(noise_model) {}
+  bool equals(const NonlinearFactor& other, double tolerance = 1e-9) const override {
+    const auto* same = dynamic_cast<const NoiseModelFactor*>(&other);
+    return same != nullptr && NonlinearFactor::equals(other, tolerance) &&
+           noise_model_->dim() == same->noise_model_->dim();
+  }
+  virtual Vector unwhitenedError(const Values& values, JacobiansOut H = {}) const = 0;
+#if STANDIN_VERSION >= 40300
+  Vector unwhitenedError(const Values& values, std::vector<Matrix>& H) const {
+    return unwhitenedError(values, &H);
+  }
+#endif
+
+ private:
+  SharedNoiseModel noise_model_;
+};
+
+}  // namespace gtsam
