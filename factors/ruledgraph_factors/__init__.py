@@ -30,6 +30,7 @@ from ruledgraph_factors.observations import CompressedPoints, IndividualPoints, 
 from ruledgraph_factors.ruling import NEW_LINE_SIGMAS, line_from_ruling
 from ruledgraph_factors.same_line import same_line_factor
 from ruledgraph_factors.spec import RuledSurfaceSpec
+from ruledgraph_factors.triangulation import LineStatus, LineTriangulation, triangulate_line
 
 __all__ = [
     "NEW_LINE_SIGMAS",
@@ -42,7 +43,9 @@ __all__ = [
     "ImuSegment",
     "IndividualPoints",
     "LineChart",
+    "LineStatus",
     "LineTrack",
+    "LineTriangulation",
     "RuledSurfaceFactor",
     "RuledSurfaceSpec",
     "WindowSolution",
@@ -59,4 +62,5 @@ __all__ = [
     "ruled_surface_pose_factor",
     "same_line_factor",
     "solve_first_window",
+    "triangulate_line",
 ]

@@ -34,6 +34,9 @@ from ruledgraph_factors.validation import (
     positive_number,
 )
 
+# Variance of points (normalised image units squared) that is rounding.
+_COINCIDENT = 1e-14
+
 
 @dataclass(frozen=True, eq=False)
 class CompressedPoints:
@@ -88,6 +91,21 @@ class CompressedPoints:
     def weight(self) -> float:
         """What all points weigh together: their number, if each has weight 1."""
         return float(np.sum(self.statistics[:, :, 2] ** 2))
+
+    def image_line(self, frame: int) -> tuple[FloatArray, FloatArray]:
+        """Total-least-squares line (a, b, c) of a frame's points, a^2 + b^2 = 1, and their mean.
+
+        Raises:
+            FactorError: when they all coincide.
+        """
+        triangle = self.statistics[frame]
+        moments = triangle.T @ triangle
+        middle = moments[:2, 2] / moments[2, 2]
+        spread, axes = np.linalg.eigh(moments[:2, :2] / moments[2, 2] - np.outer(middle, middle))
+        if spread[1] <= _COINCIDENT:
+            raise FactorError(f"points[{frame}] all coincide, no line runs through them alone")
+        normal = axes[:, 0]
+        return np.append(normal, -normal @ middle), middle
 
     def residual(self, line: CameraLine) -> Residual:
         """`geometric_residual` of these points."""
