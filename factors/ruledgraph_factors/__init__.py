@@ -6,15 +6,16 @@ Needs gtsam and numpy alone. `EMBEDDING.md` beside this package is the guide.
 """
 
 from ruledgraph_factors.errors import DegenerateWindowError, FactorError
-from ruledgraph_factors.factor import (
-    RuledSurfaceFactor,
+from ruledgraph_factors.factor import RuledSurfaceFactor
+from ruledgraph_factors.factories import (
     ruled_surface_factor,
     ruled_surface_factor_with_gravity_direction,
     ruled_surface_factor_with_gravity_vector,
     ruled_surface_factor_with_time_offset,
     ruled_surface_pose_factor,
 )
-from ruledgraph_factors.first_window import LineTrack, WindowSolution, solve_first_window
+from ruledgraph_factors.first_window import solve_first_window
+from ruledgraph_factors.gravity import level_attitude
 from ruledgraph_factors.kernel import active_kernel
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.line_distance import line_distance_factor
@@ -31,6 +32,8 @@ from ruledgraph_factors.ruling import NEW_LINE_SIGMAS, line_from_ruling
 from ruledgraph_factors.same_line import same_line_factor
 from ruledgraph_factors.spec import RuledSurfaceSpec
 from ruledgraph_factors.triangulation import LineStatus, LineTriangulation, triangulate_line
+from ruledgraph_factors.window_rays import LineTrack
+from ruledgraph_factors.window_refinement import WindowSolution
 
 __all__ = [
     "NEW_LINE_SIGMAS",
@@ -51,6 +54,7 @@ __all__ = [
     "WindowSolution",
     "active_kernel",
     "bin_points",
+    "level_attitude",
     "line_distance_factor",
     "line_from_ruling",
     "new_line_factor",

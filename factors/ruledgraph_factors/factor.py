@@ -1,36 +1,18 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Point-to-ruled-surface factors for GTSAM graphs.
+"""The point-to-ruled-surface factor as GTSAM sees it; `factories` builds it."""
 
-One function for each set of variables; the type of `points` chooses the residual. All return a
-`gtsam.CustomFactor` with unwhitened residuals and GTSAM's tangent conventions (`Pose3`: rotation
-first, right perturbation), so that they stand beside native factors in any graph.
-"""
-
-from collections.abc import Callable
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
-from gtsam import noiseModel
-from numpy.typing import ArrayLike
 
 from ruledgraph_factors.errors import FactorError
-from ruledgraph_factors.kernel import active_kernel, native
-from ruledgraph_factors.line import LineChart
-from ruledgraph_factors.motion import STANDARD_GRAVITY, FrameMotion
-from ruledgraph_factors.observations import CompressedPoints, IndividualPoints
-from ruledgraph_factors.ruled_surface import (
-    COLUMNS,
-    COLUMNS_WITH_TIME,
-    Geometry,
-    Residual,
-    State,
-)
+from ruledgraph_factors.evaluation import Evaluate, Write, evaluation, jacobian_room, writing
+from ruledgraph_factors.observations import CompressedPoints
+from ruledgraph_factors.ruled_surface import State
 from ruledgraph_factors.spec import Form, RuledSurfaceSpec
-from ruledgraph_factors.validation import FloatArray, positive_number
-
-Points = CompressedPoints | IndividualPoints
+from ruledgraph_factors.validation import FloatArray
 
 _POSE, _VELOCITY, _BIAS = slice(0, 6), slice(6, 9), slice(9, 15)
 _GRAVITY, _LINE, _TIME = slice(15, 18), slice(18, 22), slice(22, 23)
@@ -45,71 +27,6 @@ _COLUMNS: dict[Form, tuple[slice, ...]] = {
 }
 
 
-Evaluate: TypeAlias = Callable[[State, bool], Residual]
-"""All the arithmetic of a factor: its residual at a state, with the Jacobian if asked for."""
-
-_Write: TypeAlias = Callable[[State, FloatArray, FloatArray | None], None]
-# The same into a residual (rows,) and, unless None, a Jacobian (rows, columns) of Fortran order.
-
-
-def evaluation(spec: RuledSurfaceSpec) -> Evaluate:
-    """The arithmetic of the factor that `spec` describes, by the active kernel."""
-    return _evaluation(spec, _writing(spec))
-
-
-def _evaluation(spec: RuledSurfaceSpec, write: _Write) -> Evaluate:
-    def evaluate(state: State, want_jacobian: bool) -> Residual:
-        value = np.empty(spec.points.rows)
-        jacobian = _jacobian(spec) if want_jacobian else None
-        write(state, value, jacobian)
-        return Residual(value, jacobian)
-
-    return evaluate
-
-
-def _jacobian(spec: RuledSurfaceSpec) -> FloatArray:
-    """Room for one, without meaning."""
-    columns = COLUMNS if spec.motion.time_jacobian is None else COLUMNS_WITH_TIME
-    return np.empty((spec.points.rows, columns), order="F")
-
-
-def _writing(spec: RuledSurfaceSpec) -> _Write:
-    if active_kernel() == "native":
-        surface = native_surface(spec)
-        return lambda state, value, jacobian: surface.evaluate(*state, value, jacobian)
-    geometry = Geometry(spec.chart, spec.motion, spec.body_T_cam)
-
-    def write(state: State, value: FloatArray, jacobian: FloatArray | None) -> None:
-        line = geometry.line_in_cameras(state, jacobian is not None)
-        found = spec.points.residual(line)
-        value[:] = found.value
-        if jacobian is not None:
-            jacobian[:] = found.jacobian
-
-    return write
-
-
-def native_surface(
-    spec: RuledSurfaceSpec,
-) -> "native.GeometricSurface | native.ReprojectionSurface":
-    """The constants of the factor that `spec` describes, for the native kernel."""
-    chart, motion, points = spec.chart, spec.motion, spec.points
-    geometry = native.Geometry(
-        chart.world_T_anchor.matrix(),
-        chart.basis,
-        chart.angle,
-        spec.body_T_cam.matrix(),
-        motion.elapsed,
-        motion.preintegrated,
-        motion.bias_jacobian,
-        motion.bias,
-        motion.time_jacobian,
-    )
-    if isinstance(points, CompressedPoints):
-        return native.GeometricSurface(geometry, points.statistics)
-    return native.ReprojectionSurface(geometry, points.points, points.sqrt_weights, points.frame)
-
-
 class RuledSurfaceFactor(gtsam.CustomFactor):
     """The factor that a spec describes.
 
@@ -119,11 +36,11 @@ class RuledSurfaceFactor(gtsam.CustomFactor):
     """
 
     def __init__(self, spec: RuledSurfaceSpec) -> None:
-        write = _writing(spec)
+        write = writing(spec)
         super().__init__(spec.noise_model, list(spec.keys), _ErrorFunction(spec, write))
         self.spec = spec
         """The plain data this factor was built from."""
-        self.evaluate: Evaluate = _evaluation(spec, write)
+        self.evaluate: Evaluate = evaluation(spec, write)
         """The residual, and its Jacobian if asked for, at any state, without a graph."""
         if self.dim() != spec.points.rows:
             kind = "3 for each frame" if isinstance(spec.points, CompressedPoints) else "2 a point"
@@ -151,7 +68,7 @@ class _Room(NamedTuple):
 
     @classmethod
     def of(cls, spec: RuledSurfaceSpec) -> "_Room":
-        jacobian = _jacobian(spec)
+        jacobian = jacobian_room(spec)
         return cls(jacobian, [jacobian[:, columns] for columns in _COLUMNS[spec.form]])
 
 
@@ -160,7 +77,7 @@ class _ErrorFunction:
     C++ which Python's collector cannot see.
     """
 
-    def __init__(self, spec: RuledSurfaceSpec, write: _Write) -> None:
+    def __init__(self, spec: RuledSurfaceSpec, write: Write) -> None:
         self._form = spec.form
         self._gravity = spec.gravity
         self._magnitude = float(np.linalg.norm(spec.gravity))
@@ -217,180 +134,3 @@ def _wrong_size(keys: list[int], vectors: dict[int, FloatArray]) -> FactorError:
             name = gtsam.DefaultKeyFormatter(keys[place])
             return FactorError(f"{name} must hold a vector of {size}, not of {vector.size}")
     raise AssertionError("all have the right size")
-
-
-def ruled_surface_factor(
-    noise_model: noiseModel.Base,
-    pose_key: int,
-    velocity_key: int,
-    bias_key: int,
-    line_key: int,
-    motion: FrameMotion,
-    chart: LineChart,
-    points: Points,
-    body_T_cam: gtsam.Pose3 | None = None,
-    gravity: ArrayLike = STANDARD_GRAVITY,
-) -> RuledSurfaceFactor:
-    """One line over all frames that follow a knot, on the knot's state and the line.
-
-    Residual (default points): r = C_j m_j / |m_j,xy| for every frame j, with m_j the line's moment
-    in the camera at R_j = R Exp(theta_j(b)), p_j = p + v t_j + g t_j^2 / 2 + R dp_j(b).
-
-    Args:
-        noise_model: of dimension `points.rows`, any kind, robust ones too. Units: normalised image
-            coordinates of one point, that is pixels over focal length. At the truth the whitened
-            squared norm is the number of points; a robust constant belongs above its root.
-        pose_key: Pose3, world_T_body of the knot.
-        velocity_key: Vector3, of the body in the world, m/s.
-        bias_key: imuBias.ConstantBias.
-        line_key: Vector4, delta of `chart`.
-        motion: of the frames in `points`, from `preintegrate_frames`.
-        chart: of the line.
-        points: the line's edge points: `CompressedPoints` for the geometric residual,
-            `IndividualPoints` for the paper's.
-        body_T_cam: camera pose in the body (IMU) frame, by default identity.
-        gravity: in the world, m/s^2.
-
-    Raises:
-        FactorError: naming the argument that is wrong.
-
-    Source: Zhu, Burner, Aloimonos, arXiv 2512.00327, Eq. 8 to 15, with the inertial motion
-    expressed by a knot's state.
-    """
-    spec = RuledSurfaceSpec(
-        form="knot",
-        keys=(pose_key, velocity_key, bias_key, line_key),
-        noise_model=noise_model,
-        chart=chart,
-        motion=motion,
-        points=points,
-        body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
-        gravity=np.asarray(gravity),
-    )
-    return RuledSurfaceFactor(spec)
-
-
-def ruled_surface_factor_with_time_offset(
-    noise_model: noiseModel.Base,
-    pose_key: int,
-    velocity_key: int,
-    bias_key: int,
-    time_key: int,
-    line_key: int,
-    motion: FrameMotion,
-    chart: LineChart,
-    points: Points,
-    body_T_cam: gtsam.Pose3 | None = None,
-    gravity: ArrayLike = STANDARD_GRAVITY,
-) -> RuledSurfaceFactor:
-    """`ruled_surface_factor` with the clock of the frames as a variable.
-
-    Takes `time_key` (double, s): how much later than `motion` says the frames were taken. The knot
-    stays where it is; the frames' poses move along the motion, to first order (see the module
-    `motion`, which needs `preintegrate_frames(..., with_time=True)`): good for some milliseconds.
-    Where the estimate comes out larger, compute the times of coming frames with it. For all else
-    see `ruled_surface_factor`.
-
-    Source: the frame's own motion in place of Li and Mourikis, "Online temporal calibration for
-    camera-IMU systems", IJRR 2014, who shift the camera's pose likewise.
-    """
-    spec = RuledSurfaceSpec(
-        form="knot_time_offset",
-        keys=(pose_key, velocity_key, bias_key, time_key, line_key),
-        noise_model=noise_model,
-        chart=chart,
-        motion=motion,
-        points=points,
-        body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
-        gravity=np.asarray(gravity),
-    )
-    return RuledSurfaceFactor(spec)
-
-
-def ruled_surface_factor_with_gravity_direction(
-    noise_model: noiseModel.Base,
-    pose_key: int,
-    velocity_key: int,
-    bias_key: int,
-    gravity_key: int,
-    line_key: int,
-    motion: FrameMotion,
-    chart: LineChart,
-    points: Points,
-    body_T_cam: gtsam.Pose3 | None = None,
-    gravity_magnitude: float = -STANDARD_GRAVITY[2],
-) -> RuledSurfaceFactor:
-    """`ruled_surface_factor` with the direction of gravity as a variable.
-
-    Takes `gravity_key` (Unit3, world gravity is magnitude times this direction: downwards) and
-    `gravity_magnitude` (m/s^2), as GTSAM's `CombinedImuFactorWithGravityDirection`; for all else
-    see `ruled_surface_factor`.
-    """
-    magnitude = positive_number("gravity_magnitude", gravity_magnitude)
-    spec = RuledSurfaceSpec(
-        form="knot_gravity_direction",
-        keys=(pose_key, velocity_key, bias_key, gravity_key, line_key),
-        noise_model=noise_model,
-        chart=chart,
-        motion=motion,
-        points=points,
-        body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
-        gravity=np.array([0.0, 0.0, -magnitude]),
-    )
-    return RuledSurfaceFactor(spec)
-
-
-def ruled_surface_factor_with_gravity_vector(
-    noise_model: noiseModel.Base,
-    pose_key: int,
-    velocity_key: int,
-    bias_key: int,
-    gravity_key: int,
-    line_key: int,
-    motion: FrameMotion,
-    chart: LineChart,
-    points: Points,
-    body_T_cam: gtsam.Pose3 | None = None,
-) -> RuledSurfaceFactor:
-    """`ruled_surface_factor` with the whole gravity vector as a variable.
-
-    Takes `gravity_key` (Vector3, world gravity in m/s^2), as GTSAM's
-    `CombinedImuFactorWithGravityVector`; for all else see `ruled_surface_factor`.
-    """
-    spec = RuledSurfaceSpec(
-        form="knot_gravity_vector",
-        keys=(pose_key, velocity_key, bias_key, gravity_key, line_key),
-        noise_model=noise_model,
-        chart=chart,
-        motion=motion,
-        points=points,
-        body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
-        gravity=np.array(STANDARD_GRAVITY),
-    )
-    return RuledSurfaceFactor(spec)
-
-
-def ruled_surface_pose_factor(
-    noise_model: noiseModel.Base,
-    pose_key: int,
-    line_key: int,
-    chart: LineChart,
-    points: Points,
-    body_T_cam: gtsam.Pose3 | None = None,
-) -> RuledSurfaceFactor:
-    """One line in one frame, for a graph that has a pose at every frame.
-
-    `pose_key` (Pose3) is world_T_body, or world_T_cam without `body_T_cam`; `points` hold that one
-    frame. For all else see `ruled_surface_factor`.
-    """
-    spec = RuledSurfaceSpec(
-        form="pose",
-        keys=(pose_key, line_key),
-        noise_model=noise_model,
-        chart=chart,
-        motion=FrameMotion.at_rest(),
-        points=points,
-        body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
-        gravity=np.array(STANDARD_GRAVITY),
-    )
-    return RuledSurfaceFactor(spec)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ruledgraph_factors.factor import Evaluate, evaluation, native_surface
+from ruledgraph_factors.evaluation import Evaluate, evaluation, native_surface
 from ruledgraph_factors.kernel import active_kernel
 from ruledgraph_factors.ruled_surface import State
 from ruledgraph_factors.spec import RuledSurfaceSpec

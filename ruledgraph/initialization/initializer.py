@@ -20,6 +20,7 @@ from ruledgraph_factors import (
     STANDARD_GRAVITY,
     FactorError,
     LineChart,
+    level_attitude,
     line_from_ruling,
     preintegrate_frames,
     ruled_surface_factor,
@@ -94,7 +95,7 @@ def start_at_rest(
     a = config.start.accelerometer_bias
     # The accelerometer's bias cannot be told from a tilt.
     tilt = a / _G
-    attitude = _level(force)
+    attitude = level_attitude(force)
     return Start(
         stamp=stamp,
         time=stop,
@@ -168,7 +169,7 @@ class _Batch:
         self._shift, self._shift_key = _open_offset(config), 3 + len(seen)
         bias = gtsam.imuBias.ConstantBias()
         motion = preintegrate_frames(self._samples, times[0], times, bias)
-        self._attitude = _level(motion.preintegrated[-1, 6:9])
+        self._attitude = level_attitude(motion.preintegrated[-1, 6:9])
         self.values = gtsam.Values()
         self.values.insert(0, gtsam.Pose3(self._attitude, np.zeros(3)))
         self.values.insert(1, np.zeros(3))
@@ -309,12 +310,3 @@ def _pose_covariance(attitude: gtsam.Rot3, tilt: float) -> FloatArray:
     covariance[:3, :3] = tilt**2 * (np.eye(3) - np.outer(up, up)) + _GAUGE**2 * np.outer(up, up)
     covariance[3:, 3:] = _GAUGE**2 * np.eye(3)
     return covariance
-
-
-def _level(force: FloatArray) -> gtsam.Rot3:
-    """world_R_body that turns `force` upwards and leaves the x axis (or y) level."""
-    up = force / np.linalg.norm(force)
-    axis = np.eye(3)[0] if abs(up[0]) < 0.9 else np.eye(3)[1]
-    x = axis - up * (up @ axis)
-    x = x / np.linalg.norm(x)
-    return gtsam.Rot3(np.stack([x, np.cross(up, x), up]))

@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The arithmetic of the factor that a spec describes, by the active kernel."""
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+
+from ruledgraph_factors.kernel import active_kernel, native
+from ruledgraph_factors.observations import CompressedPoints
+from ruledgraph_factors.ruled_surface import COLUMNS, COLUMNS_WITH_TIME, Geometry, Residual, State
+from ruledgraph_factors.spec import RuledSurfaceSpec
+from ruledgraph_factors.validation import FloatArray
+
+Evaluate: TypeAlias = Callable[[State, bool], Residual]
+"""All the arithmetic of a factor: its residual at a state, with the Jacobian if asked for."""
+
+Write: TypeAlias = Callable[[State, FloatArray, FloatArray | None], None]
+"""The same into a residual (rows,) and, unless None, a Jacobian (rows, columns), Fortran order."""
+
+
+def evaluation(spec: RuledSurfaceSpec, write: Write | None = None) -> Evaluate:
+    """The residual and Jacobian of the factor, by `write` if that is at hand."""
+    write = writing(spec) if write is None else write
+
+    def evaluate(state: State, want_jacobian: bool) -> Residual:
+        value = np.empty(spec.points.rows)
+        jacobian = jacobian_room(spec) if want_jacobian else None
+        write(state, value, jacobian)
+        return Residual(value, jacobian)
+
+    return evaluate
+
+
+def jacobian_room(spec: RuledSurfaceSpec) -> FloatArray:
+    """Room for a Jacobian, without meaning."""
+    columns = COLUMNS if spec.motion.time_jacobian is None else COLUMNS_WITH_TIME
+    return np.empty((spec.points.rows, columns), order="F")
+
+
+def writing(spec: RuledSurfaceSpec) -> Write:
+    """The arithmetic, into arrays of the caller's."""
+    if active_kernel() == "native":
+        surface = native_surface(spec)
+        return lambda state, value, jacobian: surface.evaluate(*state, value, jacobian)
+    geometry = Geometry(spec.chart, spec.motion, spec.body_T_cam)
+
+    def write(state: State, value: FloatArray, jacobian: FloatArray | None) -> None:
+        line = geometry.line_in_cameras(state, jacobian is not None)
+        found = spec.points.residual(line)
+        value[:] = found.value
+        if jacobian is not None:
+            jacobian[:] = found.jacobian
+
+    return write
+
+
+def native_surface(
+    spec: RuledSurfaceSpec,
+) -> "native.GeometricSurface | native.ReprojectionSurface":
+    """The constants of the factor that `spec` describes, for the native kernel."""
+    chart, motion, points = spec.chart, spec.motion, spec.points
+    geometry = native.Geometry(
+        chart.world_T_anchor.matrix(),
+        chart.basis,
+        chart.angle,
+        spec.body_T_cam.matrix(),
+        motion.elapsed,
+        motion.preintegrated,
+        motion.bias_jacobian,
+        motion.bias,
+        motion.time_jacobian,
+    )
+    if isinstance(points, CompressedPoints):
+        return native.GeometricSurface(geometry, points.statistics)
+    return native.ReprojectionSurface(geometry, points.points, points.sqrt_weights, points.frame)
