@@ -5,11 +5,13 @@
 from collections.abc import Callable
 from typing import TypeAlias
 
+import gtsam
 import numpy as np
 
 from ruledgraph_factors.kernel import active_kernel, native
 from ruledgraph_factors.observations import CompressedPoints
 from ruledgraph_factors.ruled_surface import COLUMNS, COLUMNS_WITH_TIME, Geometry, Residual, State
+from ruledgraph_factors.so3 import exp_and_right_jacobian, hat
 from ruledgraph_factors.spec import RuledSurfaceSpec
 from ruledgraph_factors.validation import FloatArray
 
@@ -75,3 +77,26 @@ def native_surface(
     if isinstance(points, CompressedPoints):
         return native.GeometricSurface(geometry, points.statistics)
     return native.ReprojectionSurface(geometry, points.points, points.sqrt_weights, points.frame)
+
+
+def by_extrinsics(
+    spec: RuledSurfaceSpec, bias: FloatArray, by_pose: FloatArray, body_T_cam: gtsam.Pose3
+) -> FloatArray:
+    """Jacobian (rows, 6) by body_T_cam, from that by the pose (rows, 6).
+
+    With D_j = (Exp(theta_j), dp_j) the preintegrated motion, E Exp(w) moves the camera of frame j as
+    X Exp(Ad(D_j E) w) does: a frame's rows are those of the pose times Ad(D_j E).
+    """
+    motion = spec.motion.corrected(bias)
+    start_R_frame, _ = exp_and_right_jacobian(motion[:, :3])
+    turn = start_R_frame @ body_T_cam.rotation().matrix()
+    shift = motion[:, 3:6] + start_R_frame @ body_T_cam.translation()
+    adjoint = np.zeros((len(turn), 6, 6))
+    adjoint[:, :3, :3] = adjoint[:, 3:, 3:] = turn
+    adjoint[:, 3:, :3] = hat(shift) @ turn
+    points = spec.points
+    if isinstance(points, CompressedPoints):
+        blocks = by_pose.reshape(len(turn), 3, 6) @ adjoint
+    else:
+        blocks = by_pose.reshape(len(points.frame), 2, 6) @ adjoint[points.frame]
+    return np.asfortranarray(blocks.reshape(-1, 6))

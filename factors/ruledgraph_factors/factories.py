@@ -112,6 +112,36 @@ def ruled_surface_factor_with_time_offset(
     return RuledSurfaceFactor(spec)
 
 
+def ruled_surface_factor_with_extrinsics(
+    noise_model: noiseModel.Base,
+    pose_key: int,
+    velocity_key: int,
+    bias_key: int,
+    extrinsics_key: int,
+    line_key: int,
+    motion: FrameMotion,
+    chart: LineChart,
+    points: Points,
+    gravity: ArrayLike = STANDARD_GRAVITY,
+) -> RuledSurfaceFactor:
+    """`ruled_surface_factor` with the camera's pose in the body frame as a variable.
+
+    Takes `extrinsics_key` (Pose3, body_T_cam) in place of `body_T_cam`; for all else see
+    `ruled_surface_factor`. Each camera of a rig has a key of its own; all may see the same line.
+    """
+    spec = RuledSurfaceSpec(
+        form="knot_extrinsics",
+        keys=(pose_key, velocity_key, bias_key, extrinsics_key, line_key),
+        noise_model=noise_model,
+        chart=chart,
+        motion=motion,
+        points=points,
+        body_T_cam=gtsam.Pose3(),
+        gravity=np.asarray(gravity),
+    )
+    return RuledSurfaceFactor(spec)
+
+
 def ruled_surface_factor_with_gravity_direction(
     noise_model: noiseModel.Base,
     pose_key: int,
@@ -196,6 +226,31 @@ def ruled_surface_pose_factor(
         motion=FrameMotion.at_rest(),
         points=points,
         body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
+        gravity=np.array(STANDARD_GRAVITY),
+    )
+    return RuledSurfaceFactor(spec)
+
+
+def ruled_surface_pose_factor_with_extrinsics(
+    noise_model: noiseModel.Base,
+    pose_key: int,
+    extrinsics_key: int,
+    line_key: int,
+    chart: LineChart,
+    points: Points,
+) -> RuledSurfaceFactor:
+    """`ruled_surface_pose_factor` with the camera's pose in the body frame as a variable.
+
+    Takes `extrinsics_key` (Pose3, body_T_cam) in place of `body_T_cam`.
+    """
+    spec = RuledSurfaceSpec(
+        form="pose_extrinsics",
+        keys=(pose_key, extrinsics_key, line_key),
+        noise_model=noise_model,
+        chart=chart,
+        motion=FrameMotion.at_rest(),
+        points=points,
+        body_T_cam=gtsam.Pose3(),
         gravity=np.array(STANDARD_GRAVITY),
     )
     return RuledSurfaceFactor(spec)

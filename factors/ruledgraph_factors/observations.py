@@ -92,6 +92,11 @@ class CompressedPoints:
         """What all points weigh together: their number, if each has weight 1."""
         return float(np.sum(self.statistics[:, :, 2] ** 2))
 
+    def middles(self) -> FloatArray:
+        """Mean of the points of each frame, (n, 2)."""
+        moments = self.statistics.transpose(0, 2, 1) @ self.statistics[:, :, 2:]
+        return np.asarray(moments[:, :2, 0] / moments[:, 2:, 0])
+
     def image_line(self, frame: int) -> tuple[FloatArray, FloatArray]:
         """Total-least-squares line (a, b, c) of a frame's points, a^2 + b^2 = 1, and their mean.
 
@@ -163,6 +168,18 @@ class IndividualPoints:
     def rows(self) -> int:
         """Rows of the residual, 2N: the dimension of the noise model."""
         return 2 * len(self.points)
+
+    @cached_property
+    def weight(self) -> float:
+        """What all points weigh together: their number, if each has weight 1."""
+        return float(self.sqrt_weights @ self.sqrt_weights)
+
+    def middles(self) -> FloatArray:
+        """Mean of the points of each frame, (n, 2)."""
+        weights = self.sqrt_weights**2
+        totals = np.bincount(self.frame, weights)
+        sums = [np.bincount(self.frame, weights * column) for column in self.points.T]
+        return np.stack(sums, axis=1) / totals[:, None]
 
     def residual(self, line: CameraLine) -> Residual:
         """`reprojection_residual` of these points."""

@@ -222,8 +222,8 @@ class _Views:
         moment = np.cos(chart.angle) * chart.basis[:, 0]
         direction = np.sin(chart.angle) * chart.basis[:, 1]
         moments = moment - np.cross(self.centres, direction)
-        middles = [np.append(self.points.image_line(j)[1], 1.0) for j in range(self.points.frames)]
-        rays = np.einsum("nij,nj->ni", self.rotations, np.array(middles))
+        middles = np.column_stack([self.points.middles(), np.ones(self.points.frames)])
+        rays = np.einsum("nij,nj->ni", self.rotations, middles)
         # x = depth ray, x cross v = m: the depth has the sign of (ray cross v) . m
         depths = np.sum(np.cross(rays, direction) * moments, axis=1)
         return bool(np.median(depths) > 0.0)

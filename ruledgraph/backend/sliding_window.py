@@ -303,14 +303,14 @@ class Window:
         noise = noiseModel.Isotropic.Sigma(4, moved)
         anchor = line.chart.world_T_anchor
         try:
-            factor, chart = same_line_factor(noise, old_key, key, line.chart, line.delta, anchor)
+            chart, by_delta = line.chart.reanchor(line.delta, anchor)
+            factor = same_line_factor(noise, old_key, key, line.chart, line.delta, chart)
         except FactorError:
             return  # through its anchor: it will be judged
         self._lines_so_far += 1
         self._new_factors.add(factor)
         self._new_values.insert(key, np.zeros(4))
         self._new_times |= {old_key: line.last_time, key: line.last_time}
-        _, by_delta = line.chart.reanchor(line.delta, anchor)
         line.covariance = by_delta @ line.covariance @ by_delta.T
         line.key, line.chart, line.delta = key, chart, np.zeros(4)
         line.linearized, line.fixed = line.delta, False

@@ -56,13 +56,10 @@ def test_compressed_error_equals_the_sum_over_points(form: str, count: int) -> N
         case = random_case(seed, frames=3, points=count)
         factor = case.factor(form, CompressedPoints, sigma=0.01)
         gravity = {
-            "knot": np.array(STANDARD_GRAVITY),
-            "knot_time_offset": np.array(STANDARD_GRAVITY),
             "knot_gravity_direction": 9.81 * case.values.atUnit3(G(0)).unitVector(),
             "knot_gravity_vector": case.values.atVector(G(1)),
-            "pose": np.zeros(3),
-        }[form]
-        motion = FrameMotion.at_rest() if form == "pose" else case.motion
+        }.get(form, np.array(STANDARD_GRAVITY))
+        motion = FrameMotion.at_rest() if form.startswith("pose") else case.motion
         pose = case.values.atPose3(X(0))
         poses = motion.predict(
             pose.rotation().matrix(),
