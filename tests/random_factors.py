@@ -12,10 +12,10 @@ from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, E, G, L, T, V, X
 
 from ruledgraph_factors import (
-    CompressedPoints,
     FrameMotion,
-    IndividualPoints,
+    GeometricPoints,
     LineChart,
+    ReprojectionPoints,
     RuledSurfaceFactor,
     ruled_surface_factor,
     ruled_surface_factor_with_extrinsics,
@@ -28,7 +28,7 @@ from ruledgraph_factors import (
 from ruledgraph_factors.spec import Form
 
 FORMS = get_args(Form)
-POINTS = (CompressedPoints, IndividualPoints)
+POINTS = (GeometricPoints, ReprojectionPoints)
 
 
 @dataclass
@@ -42,7 +42,7 @@ class Case:
     body_T_cam: gtsam.Pose3
     values: gtsam.Values
 
-    def factor(self, form: str, kind=CompressedPoints, sigma: float = 1.0) -> RuledSurfaceFactor:
+    def factor(self, form: str, kind=GeometricPoints, sigma: float = 1.0) -> RuledSurfaceFactor:
         frames = self.frames[:1] if form.startswith("pose") else self.frames
         points = kind.from_frames(frames)
         noise = noiseModel.Isotropic.Sigma(points.rows, sigma)

@@ -23,7 +23,7 @@ from ruledgraph.calibration.sensors import D435I_LIKE
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph.simulation.edges import observe_segment
 from ruledgraph_factors import (
-    CompressedPoints,
+    GeometricPoints,
     ImuSamples,
     LineChart,
     line_from_ruling,
@@ -207,7 +207,7 @@ def add_lines(
             charts[i] = line_from_ruling(world_T_cam, frames[0], 1.0 / LINE_DISTANCE)
             packet.values.insert(E(i), np.zeros(4))
             packet.factors.addPriorVector(E(i), np.zeros(4), NEW_LINE)
-        points = CompressedPoints.from_frames(frames)
+        points = GeometricPoints.from_frames(frames)
         noise = noiseModel.Isotropic.Sigma(points.rows, EDGE_NOISE / FOCAL)
         packet.factors.add(
             ruled_surface_factor(

@@ -36,7 +36,7 @@ from ruledgraph_factors.motion import (
     preintegrate_frames,
 )
 from ruledgraph_factors.new_line import NewLineFactor, NewLineSpec, new_line_factor
-from ruledgraph_factors.observations import CompressedPoints, IndividualPoints, bin_points
+from ruledgraph_factors.observations import GeometricPoints, ReprojectionPoints, bin_points
 from ruledgraph_factors.ruled_surface import Residual, State
 from ruledgraph_factors.ruling import NEW_LINE_SIGMAS, line_from_ruling
 from ruledgraph_factors.same_line import SameLineFactor, SameLineSpec, same_line_factor
@@ -48,14 +48,13 @@ from ruledgraph_factors.window_refinement import WindowSolution
 __all__ = [
     "NEW_LINE_SIGMAS",
     "STANDARD_GRAVITY",
-    "CompressedPoints",
     "DegenerateWindowError",
     "FactorError",
     "FactorSpec",
     "FrameMotion",
+    "GeometricPoints",
     "ImuSamples",
     "ImuSegment",
-    "IndividualPoints",
     "LineChart",
     "LineCheck",
     "LineDistanceFactor",
@@ -65,6 +64,7 @@ __all__ = [
     "LineTriangulation",
     "NewLineFactor",
     "NewLineSpec",
+    "ReprojectionPoints",
     "Residual",
     "RuledSurfaceFactor",
     "RuledSurfaceSpec",

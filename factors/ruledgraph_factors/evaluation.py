@@ -9,7 +9,7 @@ import gtsam
 import numpy as np
 
 from ruledgraph_factors.kernel import active_kernel, native
-from ruledgraph_factors.observations import CompressedPoints
+from ruledgraph_factors.observations import GeometricPoints
 from ruledgraph_factors.ruled_surface import COLUMNS, COLUMNS_WITH_TIME, Geometry, Residual, State
 from ruledgraph_factors.so3 import exp_and_right_jacobian, hat
 from ruledgraph_factors.spec import RuledSurfaceSpec
@@ -74,7 +74,7 @@ def native_surface(
         motion.bias,
         motion.time_jacobian,
     )
-    if isinstance(points, CompressedPoints):
+    if isinstance(points, GeometricPoints):
         return native.GeometricSurface(geometry, points.statistics)
     return native.ReprojectionSurface(geometry, points.points, points.sqrt_weights, points.frame)
 
@@ -84,8 +84,8 @@ def by_extrinsics(
 ) -> FloatArray:
     """Jacobian (rows, 6) by body_T_cam, from that by the pose (rows, 6).
 
-    With D_j = (Exp(theta_j), dp_j) the preintegrated motion, E Exp(w) moves the camera of frame j as
-    X Exp(Ad(D_j E) w) does: a frame's rows are those of the pose times Ad(D_j E).
+    With D_j = (Exp(theta_j), dp_j) the preintegrated motion, E Exp(w) moves the camera of frame j
+    as X Exp(Ad(D_j E) w) does: a frame's rows are those of the pose times Ad(D_j E).
     """
     motion = spec.motion.corrected(bias)
     start_R_frame, _ = exp_and_right_jacobian(motion[:, :3])
@@ -95,7 +95,7 @@ def by_extrinsics(
     adjoint[:, :3, :3] = adjoint[:, 3:, 3:] = turn
     adjoint[:, 3:, :3] = hat(shift) @ turn
     points = spec.points
-    if isinstance(points, CompressedPoints):
+    if isinstance(points, GeometricPoints):
         blocks = by_pose.reshape(len(turn), 3, 6) @ adjoint
     else:
         blocks = by_pose.reshape(len(points.frame), 2, 6) @ adjoint[points.frame]

@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike
 from ruledgraph_factors.factor import RuledSurfaceFactor
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.motion import STANDARD_GRAVITY, FrameMotion
-from ruledgraph_factors.observations import CompressedPoints, IndividualPoints
+from ruledgraph_factors.observations import GeometricPoints, ReprojectionPoints
 from ruledgraph_factors.spec import RuledSurfaceSpec
 from ruledgraph_factors.validation import positive_number
 
-Points: TypeAlias = CompressedPoints | IndividualPoints
+Points: TypeAlias = GeometricPoints | ReprojectionPoints
 
 
 def ruled_surface_factor(
@@ -51,8 +51,8 @@ def ruled_surface_factor(
         line_key: Vector4, delta of `chart`.
         motion: of the frames in `points`, from `preintegrate_frames`.
         chart: of the line.
-        points: the line's edge points: `CompressedPoints` for the geometric residual,
-            `IndividualPoints` for the paper's.
+        points: the line's edge points: `GeometricPoints` for the geometric residual,
+            `ReprojectionPoints` for the paper's.
         body_T_cam: camera pose in the body (IMU) frame, by default identity.
         gravity: in the world, m/s^2.
 

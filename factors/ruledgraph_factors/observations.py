@@ -4,8 +4,8 @@
 
 Their type chooses the residual:
 
-- `CompressedPoints`: the geometric one, three rows a frame whatever the number of points;
-- `IndividualPoints`: the paper's reprojection error, two rows a point.
+- `GeometricPoints`: the geometric one, three rows a frame whatever the number of points;
+- `ReprojectionPoints`: the paper's reprojection error, two rows a point.
 
 All points are in normalised, undistorted image coordinates, (x, y) = (X/Z, Y/Z).
 """
@@ -39,7 +39,7 @@ _COINCIDENT = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
-class CompressedPoints:
+class GeometricPoints:
     """The points of n frames as triangular sufficient statistics; build with `from_frames`.
 
     For any image line l and the points p_i = (x_i, y_i, 1) of a frame,
@@ -60,7 +60,7 @@ class CompressedPoints:
         points: Sequence[ArrayLike],
         weights: Sequence[ArrayLike] | None = None,
         effective_points: float | None = None,
-    ) -> "CompressedPoints":
+    ) -> "GeometricPoints":
         """Compress the points (N_i, 2), N_i >= 1, of each frame.
 
         Args:
@@ -126,7 +126,7 @@ class CompressedPoints:
 
 
 @dataclass(frozen=True, eq=False)
-class IndividualPoints:
+class ReprojectionPoints:
     """The points of n frames one by one; build with `from_frames`."""
 
     points: FloatArray
@@ -154,8 +154,8 @@ class IndividualPoints:
         points: Sequence[ArrayLike],
         weights: Sequence[ArrayLike] | None = None,
         effective_points: float | None = None,
-    ) -> "IndividualPoints":
-        """Keep the points of each frame; arguments and errors as `CompressedPoints.from_frames`."""
+    ) -> "ReprojectionPoints":
+        """Keep the points of each frame; arguments and errors as `GeometricPoints.from_frames`."""
         stacked, sqrt_weights, counts = _checked_frames(points, weights, effective_points)
         return cls(stacked, sqrt_weights, np.repeat(np.arange(counts.size), counts))
 

@@ -13,7 +13,7 @@ from ruledgraph_factors.factor_spec import FactorSpec, chart_arrays, chart_from,
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.motion import FrameMotion
 from ruledgraph_factors.noise import noise_from_dict
-from ruledgraph_factors.observations import CompressedPoints, IndividualPoints
+from ruledgraph_factors.observations import GeometricPoints, ReprojectionPoints
 from ruledgraph_factors.validation import FloatArray, finite_array, instance, pose
 
 Form: TypeAlias = Literal[
@@ -55,7 +55,7 @@ class RuledSurfaceSpec(FactorSpec):
     form: Form
     chart: LineChart
     motion: FrameMotion
-    points: CompressedPoints | IndividualPoints
+    points: GeometricPoints | ReprojectionPoints
     body_T_cam: gtsam.Pose3
     """In the forms with extrinsics it is a variable and this is not used."""
     gravity: FloatArray
@@ -73,9 +73,9 @@ class RuledSurfaceSpec(FactorSpec):
         self._check(names)
         instance("chart", self.chart, LineChart)
         instance("motion", self.motion, FrameMotion)
-        if not isinstance(self.points, CompressedPoints | IndividualPoints):
+        if not isinstance(self.points, GeometricPoints | ReprojectionPoints):
             raise FactorError(
-                "points must be CompressedPoints or IndividualPoints (see their from_frames), "
+                "points must be GeometricPoints or ReprojectionPoints (see their from_frames), "
                 f"not {type(self.points).__name__}"
             )
         if self.points.frames != len(self.motion):
@@ -97,7 +97,7 @@ class RuledSurfaceSpec(FactorSpec):
     @property
     def rows_text(self) -> str:
         """The same in words."""
-        kind = "3 for each frame" if isinstance(self.points, CompressedPoints) else "2 a point"
+        kind = "3 for each frame" if isinstance(self.points, GeometricPoints) else "2 a point"
         return f"{self.rows} rows ({kind})"
 
     @property
@@ -124,7 +124,7 @@ class RuledSurfaceSpec(FactorSpec):
         }
         if self.motion.time_jacobian is not None:
             arrays["time_jacobian"] = self.motion.time_jacobian
-        if isinstance(self.points, CompressedPoints):
+        if isinstance(self.points, GeometricPoints):
             arrays["statistics"] = self.points.statistics
         else:
             arrays["points"] = self.points.points
@@ -136,11 +136,11 @@ class RuledSurfaceSpec(FactorSpec):
     def _from_parts(
         cls, header: Mapping[str, Any], arrays: Mapping[str, Any]
     ) -> "RuledSurfaceSpec":
-        points: CompressedPoints | IndividualPoints
+        points: GeometricPoints | ReprojectionPoints
         if "statistics" in arrays:
-            points = CompressedPoints(arrays["statistics"])
+            points = GeometricPoints(arrays["statistics"])
         else:
-            points = IndividualPoints(arrays["points"], arrays["sqrt_weights"], arrays["frame"])
+            points = ReprojectionPoints(arrays["points"], arrays["sqrt_weights"], arrays["frame"])
         return cls(
             form=header["form"],
             keys=tuple(header["keys"]),

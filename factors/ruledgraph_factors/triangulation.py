@@ -23,7 +23,7 @@ from ruledgraph_factors.errors import FactorError
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.line_fit import LineMinimum, fit_line
 from ruledgraph_factors.motion import FrameMotion
-from ruledgraph_factors.observations import CompressedPoints
+from ruledgraph_factors.observations import GeometricPoints
 from ruledgraph_factors.ruled_surface import State
 from ruledgraph_factors.ruling import NEW_LINE_SIGMAS
 from ruledgraph_factors.spec import RuledSurfaceSpec
@@ -75,7 +75,7 @@ class LineTriangulation:
 
 def triangulate_line(
     world_T_cams: Sequence[gtsam.Pose3],
-    points: CompressedPoints | Sequence[ArrayLike],
+    points: GeometricPoints | Sequence[ArrayLike],
     sigma: float = 1e-3,
 ) -> LineTriangulation:
     """Line through the edge points of two or more views: the counterpart of `triangulatePoint3`.
@@ -103,11 +103,11 @@ def triangulate_line(
     using lines", CVIU 2005; here the first view's plane normalises it.
     """
     cameras = [pose(f"world_T_cams[{j}]", camera) for j, camera in enumerate(world_T_cams)]
-    if not isinstance(points, CompressedPoints):
+    if not isinstance(points, GeometricPoints):
         if len(points) == 0:
             raise FactorError("points is empty: at least one view is needed")
         image_points("points[0]", points[0])
-        points = CompressedPoints.from_frames(points)
+        points = GeometricPoints.from_frames(points)
     if points.frames != len(cameras):
         raise FactorError(f"points has {points.frames} views, but world_T_cams has {len(cameras)}")
     views = _Views(cameras, points, 1.0 / positive_number("sigma", sigma) ** 2)
@@ -128,7 +128,7 @@ class _Views:
     """Cameras in the frame of the first, and their points."""
 
     def __init__(
-        self, world_T_cams: Sequence[gtsam.Pose3], points: CompressedPoints, information: float
+        self, world_T_cams: Sequence[gtsam.Pose3], points: GeometricPoints, information: float
     ) -> None:
         self.points = points
         self.information = information

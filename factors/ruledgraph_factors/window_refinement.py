@@ -14,7 +14,7 @@ from ruledgraph_factors.factories import ruled_surface_factor_with_gravity_vecto
 from ruledgraph_factors.gravity import level_attitude
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.motion import STANDARD_GRAVITY, FrameMotion
-from ruledgraph_factors.observations import CompressedPoints
+from ruledgraph_factors.observations import GeometricPoints
 from ruledgraph_factors.ruling import NEW_LINE_SIGMAS
 from ruledgraph_factors.validation import FloatArray
 from ruledgraph_factors.window_rays import TrackRays
@@ -77,7 +77,7 @@ def refine(
     values.insert(bias_key, bias)
     values.insert(gravity_key, gravity)
     for key, sight, chart in zip(line_keys, sights, charts, strict=True):
-        points = CompressedPoints.from_frames(sight.points)
+        points = GeometricPoints.from_frames(sight.points)
         noise = noiseModel.Isotropic.Sigma(points.rows, deviation)
         keys = (pose_key, velocity_key, bias_key, gravity_key, key)
         points_graph.add(

@@ -20,8 +20,8 @@ from ruledgraph.frontend.tracks import Sighting, Track
 from ruledgraph_factors import (
     NEW_LINE_SIGMAS,
     STANDARD_GRAVITY,
-    CompressedPoints,
     FrameMotion,
+    GeometricPoints,
     LineChart,
     RuledSurfaceFactor,
     line_distance_factor,
@@ -126,7 +126,7 @@ class Observation(NamedTuple):
 
     line: GraphLine
     factor: RuledSurfaceFactor
-    points: CompressedPoints
+    points: GeometricPoints
     last: tuple[int, FloatArray]
     """The last frame that saw it, by its place in the interval, and the points there."""
 

@@ -11,9 +11,9 @@ from gtsam import noiseModel
 
 from ruledgraph.calibration.sensors import FloatArray
 from ruledgraph_factors import (
-    CompressedPoints,
     FactorError,
     FrameMotion,
+    GeometricPoints,
     LineChart,
     RuledSurfaceSpec,
     line_from_ruling,
@@ -45,7 +45,7 @@ class LineFit:
 
 def triangulate(
     world_T_cams: Sequence[gtsam.Pose3],
-    points: CompressedPoints,
+    points: GeometricPoints,
     first_points: FloatArray,
     deviation: float,
 ) -> LineFit | None:

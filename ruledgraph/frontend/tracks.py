@@ -21,7 +21,7 @@ from ruledgraph.frontend.edge_batch import Edges, Rulings, clipped, search_all, 
 from ruledgraph.frontend.edge_search import normal_of
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.sobel import search_sobel, sobel_points
-from ruledgraph_factors import CompressedPoints
+from ruledgraph_factors import GeometricPoints
 
 # Deviation of a prediction across the ruling, px: of a fresh track, at least, at most.
 _FRESH_SIGMA, _LEAST_SIGMA, _MOST_SIGMA = 4.0, 1.2, 6.0
@@ -50,12 +50,12 @@ class Sighting(NamedTuple):
     points: FloatArray
     """Normalised, (N, 2)."""
     statistics: FloatArray
-    """What counts of them, (3, 3), see `CompressedPoints`."""
+    """What counts of them, (3, 3), see `GeometricPoints`."""
 
 
-def compressed_points(sightings: Sequence[Sighting]) -> CompressedPoints:
+def compressed_points(sightings: Sequence[Sighting]) -> GeometricPoints:
     """The points of several frames, for a factor."""
-    return CompressedPoints(np.array([sighting.statistics for sighting in sightings]))
+    return GeometricPoints(np.array([sighting.statistics for sighting in sightings]))
 
 
 @dataclass(eq=False)
@@ -144,7 +144,7 @@ class Tracker:
         return search_all(gradient, self._camera, rulings, beyond)
 
     def _sight(self, stamp: int, tracks: Sequence[Track], edges: Edges) -> None:
-        # As `CompressedPoints.from_frames` caps what a frame counts for.
+        # As `GeometricPoints.from_frames` caps what a frame counts for.
         share = np.minimum(1.0, self._config.effective_points / edges.counts)
         statistics = np.sqrt(share)[:, None, None] * edges.statistics
         for i, (track, points) in enumerate(zip(tracks, edges.points_of_each(), strict=True)):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from ruledgraph_factors import (
-    CompressedPoints,
     FactorError,
+    GeometricPoints,
     LineTriangulation,
     triangulate_line,
 )
@@ -156,7 +156,7 @@ def test_compressed_points_give_the_same() -> None:
     ends = random_segment(rng)
     cameras, points, _ = views(rng, sideways(rng, 4, 0.5), ends, SIGMA)
     by_points = triangulate_line(cameras, points, SIGMA)
-    compressed = triangulate_line(cameras, CompressedPoints.from_frames(points), SIGMA)
+    compressed = triangulate_line(cameras, GeometricPoints.from_frames(points), SIGMA)
     np.testing.assert_array_equal(by_points.covariance, compressed.covariance)
 
 

@@ -17,7 +17,7 @@ from ruledgraph.backend.states import Interval, Start, of_new_line
 from ruledgraph.backend.triangulation import triangulate
 from ruledgraph.core.config import Config, load_config
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph_factors import CompressedPoints, preintegrate_frames
+from ruledgraph_factors import GeometricPoints, preintegrate_frames
 from simulated_window import BODY_T_CAM, FOCAL_LENGTH, SplineMotion, hand_held
 
 
@@ -239,7 +239,7 @@ def test_triangulation_finds_lines_at_any_distance(seed):
     cameras = [pose * BODY_T_CAM for pose in poses]
     for track in made.tracks:
         points = [seen.points for seen in track.sightings][1:]
-        compressed = CompressedPoints.from_frames(points)
+        compressed = GeometricPoints.from_frames(points)
         fit = triangulate(cameras, compressed, points[0], 0.5 / FOCAL_LENGTH)
         assert fit is not None
         assert fit.misfit * FOCAL_LENGTH == pytest.approx(0.5, abs=0.08)
