@@ -40,6 +40,12 @@ from ruledgraph_factors.observations import GeometricPoints, ReprojectionPoints,
 from ruledgraph_factors.ruled_surface import Residual, State
 from ruledgraph_factors.ruling import NEW_LINE_SIGMAS, line_from_ruling
 from ruledgraph_factors.same_line import SameLineFactor, SameLineSpec, same_line_factor
+from ruledgraph_factors.solvers import (
+    MovedLine,
+    isam2_params,
+    levenberg_marquardt_params,
+    move_line,
+)
 from ruledgraph_factors.spec import RuledSurfaceSpec
 from ruledgraph_factors.triangulation import LineStatus, LineTriangulation, triangulate_line
 from ruledgraph_factors.window_rays import LineTrack
@@ -62,6 +68,7 @@ __all__ = [
     "LineStatus",
     "LineTrack",
     "LineTriangulation",
+    "MovedLine",
     "NewLineFactor",
     "NewLineSpec",
     "ReprojectionPoints",
@@ -78,10 +85,13 @@ __all__ = [
     "build_factor",
     "check_lines",
     "clone_graph",
+    "isam2_params",
     "level_attitude",
+    "levenberg_marquardt_params",
     "line_distance_factor",
     "line_from_ruling",
     "load_graph",
+    "move_line",
     "new_line_factor",
     "preintegrate_frames",
     "ruled_surface_factor",
