@@ -172,12 +172,22 @@ class LineChart:
         angle = float(np.arctan2(np.linalg.norm(v), np.linalg.norm(m)))
         return nearest_coordinates(self.basis, u, self.angle, angle)
 
-    def wrapped(self, delta: ArrayLike) -> FloatArray:
-        """The smallest `delta` (4,) of the same line: phi counts modulo pi, and a line has four
-        frames U.
+    def wrapped(self, delta: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """The smallest `delta` (4,) of the same line, and its derivative by `delta`, (4, 4).
+
+        phi counts modulo pi and a line has four frames U: of a line that is not far (`is_far`)
+        it is `delta` itself.
         """
-        u, phi, _ = self.frame(_delta(delta))
-        return nearest_coordinates(self.basis, u, self.angle, phi)
+        here = _delta(delta)
+        u, phi, right_jacobian = self.frame(here)
+        smallest = nearest_coordinates(self.basis, u, self.angle, phi)
+        there, _, there_jacobian = self.frame(smallest)
+        # U' = U S with signs S; U Exp(w) S = U S Exp(S w), and phi' = s_1 s_2 phi.
+        signs = np.sign(np.sum(u * there, axis=0))
+        jacobian = np.zeros((4, 4))
+        jacobian[0, 0] = signs[0] * signs[1]
+        jacobian[1:, 1:] = np.linalg.solve(there_jacobian, signs[:, None] * right_jacobian)
+        return smallest, jacobian
 
     @staticmethod
     def is_far(delta: ArrayLike) -> bool:

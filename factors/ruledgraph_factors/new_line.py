@@ -24,6 +24,8 @@ from ruledgraph_factors.noise import noise_from_dict
 from ruledgraph_factors.so3 import hat
 from ruledgraph_factors.validation import FloatArray, instance, pose, vector_of
 
+_IDENTITY = np.eye(4, order="F")
+
 
 @dataclass(frozen=True, eq=False)
 class NewLineSpec(FactorSpec):
@@ -69,18 +71,19 @@ class NewLineFactor(SpecFactor):
 class _NewLineError(ErrorFunction):
     def __init__(self, spec: NewLineSpec) -> None:
         super().__init__(spec)
-        self._start = spec.world_T_body
+        self._chart, self._start = spec.chart, spec.world_T_body
         self._by_pose = np.asfortranarray(-moved_with(spec.chart, spec.world_T_body))
 
     def error(
         self, keys: list[int], values: gtsam.Values, H: list[FloatArray] | None
     ) -> FloatArray:
         moved = self._start.localCoordinates(values.atPose3(keys[0]))
-        residual = vector_of(values, keys[1], 4) + self._by_pose @ moved
-        residual[0] -= np.pi * np.round(residual[0] / np.pi)
+        delta, by_line = vector_of(values, keys[1], 4), _IDENTITY
+        if self._chart.is_far(delta):
+            delta, by_line = self._chart.wrapped(delta)
         if H is not None:
-            H[0], H[1] = self._by_pose, np.eye(4, order="F")
-        return np.asarray(residual)
+            H[0], H[1] = self._by_pose, np.asfortranarray(by_line)
+        return np.asarray(delta + self._by_pose @ moved)
 
 
 def new_line_factor(
@@ -98,9 +101,9 @@ def new_line_factor(
         F xi = (sin(phi)^2 u3 . t,  u1 . w,  u2 . w - tan(phi) u1 . t,  u3 . w)
 
     w and t being the pose's turn and its shift at the anchor's centre, in the anchor frame, and
-    u1, u2, u3, phi the chart's. It is linear on purpose, as wide as such a prior is. Only delta[0]
-    counts modulo pi, as it does for the line: one that went through infinity and came back on the
-    other side of the anchor is not drawn back the same way.
+    u1, u2, u3, phi the chart's. It is linear on purpose, as wide as such a prior is. Of a line that
+    has wrapped (`LineChart.is_far`) delta is the smallest, so that it is not drawn back all the
+    way that it came.
 
     A prior on delta alone would be one in the world: with every line that comes and goes they add
     up to knowledge of place and heading that nothing shows, and the poses are drawn along.

@@ -110,10 +110,15 @@ def nees(seed: int, pixels: float, step: int) -> tuple[FloatArray, bool]:
         V(last): motion.velocity(end) - values.atVector(V(last)),
         B(last): imu.bias_at(end).vector() - values.atConstantBias(B(last)).vector(),
     }
+    by_delta = {key: np.eye(error.size) for key, error in errors.items()}
     for i, (first_end, second_end) in enumerate(SEGMENTS):
         along = second_end - first_end
-        errors[L(i)] = charts[i].local(np.cross(first_end, along), along) - values.atVector(L(i))
-    squares = [e @ np.linalg.solve(marginals.marginalCovariance(k), e) for k, e in errors.items()]
+        chart, by_delta[L(i)] = charts[i].recentred(values.atVector(L(i)))
+        errors[L(i)] = chart.local(np.cross(first_end, along), along)
+    squares = []
+    for key, error in errors.items():
+        covariance = by_delta[key] @ marginals.marginalCovariance(key) @ by_delta[key].T
+        squares.append(error @ np.linalg.solve(covariance, error))
     totals = np.array([*squares[:3], sum(squares[3:])])
     return totals / np.array(list(DIMENSIONS.values())), objected
 
