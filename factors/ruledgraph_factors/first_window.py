@@ -58,7 +58,7 @@ def solve_first_window(
     motion: FrameMotion,
     tracks: Sequence[LineTrack],
     body_T_cam: gtsam.Pose3 | None = None,
-    deviation: float = 1e-3,
+    sigma: float = 1e-3,
 ) -> WindowSolution:
     """Lines, velocity and gravity of a first window by linear least squares, see the module's text.
 
@@ -67,8 +67,9 @@ def solve_first_window(
             known to about 0.02 rad/s. An accelerometer's bias ends up in gravity.
         tracks: of two or more lines.
         body_T_cam: camera pose in the body frame, by default identity.
-        deviation: expected of an edge point against the true ruling, blur and calibration included,
-            in normalised image units; by default half a pixel at a focal length of 500 px.
+        sigma: standard deviation expected of an edge point across the true ruling, blur and
+            calibration included, in normalised image units; by default half a pixel at a focal
+            length of 500 px.
 
     Raises:
         DegenerateWindowError: when the window does not determine them, with the reason.
@@ -76,13 +77,13 @@ def solve_first_window(
     """
     instance("motion", motion, FrameMotion)
     body_T_cam = gtsam.Pose3() if body_T_cam is None else pose("body_T_cam", body_T_cam)
-    positive_number("deviation", deviation)
+    positive_number("sigma", sigma)
     if len(tracks) < 2:
         raise DegenerateWindowError(
             f"{len(tracks)} line(s) in the window: motion along a line is not seen, "
             "two that are not parallel are needed"
         )
-    sights = [TrackRays(i, track, motion, body_T_cam, deviation) for i, track in enumerate(tracks)]
+    sights = [TrackRays(i, track, motion, body_T_cam, sigma) for i, track in enumerate(tracks)]
     turning = [sight for sight in sights if sight.turns]
     _require_two_directions(turning)
     _require_excitation(motion, body_T_cam)
@@ -96,7 +97,7 @@ def solve_first_window(
             centre = sight.centres(velocity, gravity)[0]
             start_T_cam = gtsam.Pose3(gtsam.Rot3(sight.start_R_cam[0]), centre)
             charts.append(line_from_ruling(start_T_cam, sight.points[0], _FAR))
-    return refine(sights, charts, motion, body_T_cam, velocity, gravity, deviation)
+    return refine(sights, charts, motion, body_T_cam, velocity, gravity, sigma)
 
 
 def _require_two_directions(turning: Sequence[TrackRays]) -> None:

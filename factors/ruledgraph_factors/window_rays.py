@@ -53,7 +53,7 @@ class TrackRays:
         track: LineTrack,
         motion: FrameMotion,
         body_T_cam: gtsam.Pose3,
-        deviation: float,
+        sigma: float,
     ) -> None:
         name = f"tracks[{number}]"
         instance(name, track, LineTrack)
@@ -76,9 +76,9 @@ class TrackRays:
             line, _ = fit_image_line(f"{name}.points[{i}]", points)
             size = np.linalg.norm(line)
             normals.append(self.start_R_cam[i] @ line / size)
-            # Deviation of a normal: deviation |n_xy| sqrt(1/s1^2 + 1/s2^2), s singular values.
+            # Standard deviation of a normal: sigma |n_xy| sqrt(1/s1^2 + 1/s2^2), s singular values.
             s = np.linalg.svd(np.column_stack([points, np.ones(len(points))]), compute_uv=False)
-            precisions.append(size / (deviation * np.hypot(1.0 / s[0], 1.0 / s[1])))
+            precisions.append(size / (sigma * np.hypot(1.0 / s[0], 1.0 / s[1])))
         weights = np.array(precisions)
         _, spread, axes = np.linalg.svd(weights[:, None] * np.array(normals), full_matrices=True)
         self.direction: FloatArray = np.asarray(axes[2])

@@ -60,7 +60,7 @@ def refine(
     body_T_cam: gtsam.Pose3,
     velocity: FloatArray,
     gravity: FloatArray,
-    deviation: float,
+    sigma: float,
 ) -> WindowSolution:
     """Levenberg-Marquardt on everything, and the checks on what comes out."""
     pose_key, velocity_key, bias_key, gravity_key = range(4)
@@ -78,7 +78,7 @@ def refine(
     values.insert(gravity_key, gravity)
     for key, sight, chart in zip(line_keys, sights, charts, strict=True):
         points = GeometricPoints.from_frames(sight.points)
-        noise = noiseModel.Isotropic.Sigma(points.rows, deviation)
+        noise = noiseModel.Isotropic.Sigma(points.rows, sigma)
         keys = (pose_key, velocity_key, bias_key, gravity_key, key)
         points_graph.add(
             ruled_surface_factor_with_gravity_vector(

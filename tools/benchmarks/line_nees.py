@@ -131,7 +131,7 @@ def main() -> None:
         low, high = chi2.ppf([0.025, 0.975], dimension * seeds) / (dimension * seeds)
         print(f"  {name:9} {low:.2f} to {high:.2f}")
     print(
-        "noise (px)  frames a state  " + "".join(f"{name:>10}" for name in DIMENSIONS) + "  failed"
+        "noise (px)  frames a state  " + "".join(f"{name:>10}" for name in DIMENSIONS) + "  objected"
     )
     for pixels, step in CASES:
         runs = [nees(seed, pixels, step) for seed in range(seeds)]
