@@ -4,7 +4,8 @@
 
 A hand-held camera sees four edges for 1.5 s, 90 frames a second, 20 points in each, beside an IMU
 like a D435i's. Every line starts with `triangulate_line` at the dead-reckoned poses. 1 is
-consistent; the bounds are those of 95 % of such means. Above them the graph is overconfident: noise
+consistent; the bounds are those of 95 % of such means (of the lines they are too narrow: those of a
+seed are correlated). Above them the graph is overconfident: noise
 of the IMU between a state and its frames is not in the factor, so that sharp edges want states at
 shorter distances.
 
@@ -130,9 +131,8 @@ def main() -> None:
     for name, dimension in DIMENSIONS.items():
         low, high = chi2.ppf([0.025, 0.975], dimension * seeds) / (dimension * seeds)
         print(f"  {name:9} {low:.2f} to {high:.2f}")
-    print(
-        "noise (px)  frames a state  " + "".join(f"{name:>10}" for name in DIMENSIONS) + "  objected"
-    )
+    names = "".join(f"{name:>10}" for name in DIMENSIONS)
+    print(f"noise (px)  frames a state  {names}  objected")
     for pixels, step in CASES:
         runs = [nees(seed, pixels, step) for seed in range(seeds)]
         cells = "".join(f"{value:10.2f}" for value in np.mean([run[0] for run in runs], axis=0))
