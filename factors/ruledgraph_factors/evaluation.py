@@ -41,12 +41,13 @@ def jacobian_room(spec: RuledSurfaceSpec) -> FloatArray:
     return np.empty((spec.points.rows, columns), order="F")
 
 
-def writing(spec: RuledSurfaceSpec) -> Write:
-    """The arithmetic, into arrays of the caller's."""
+def writing(spec: RuledSurfaceSpec, body_T_cam: gtsam.Pose3 | None = None) -> Write:
+    """The arithmetic, into arrays of the caller's; with other extrinsics than the spec's if any."""
+    body_T_cam = spec.body_T_cam if body_T_cam is None else body_T_cam
     if active_kernel() == "native":
-        surface = native_surface(spec)
+        surface = native_surface(spec, body_T_cam)
         return lambda state, value, jacobian: surface.evaluate(*state, value, jacobian)
-    geometry = Geometry(spec.chart, spec.motion, spec.body_T_cam)
+    geometry = Geometry(spec.chart, spec.motion, body_T_cam)
 
     def write(state: State, value: FloatArray, jacobian: FloatArray | None) -> None:
         line = geometry.line_in_cameras(state, jacobian is not None)
@@ -59,7 +60,7 @@ def writing(spec: RuledSurfaceSpec) -> Write:
 
 
 def native_surface(
-    spec: RuledSurfaceSpec,
+    spec: RuledSurfaceSpec, body_T_cam: gtsam.Pose3
 ) -> "native.GeometricSurface | native.ReprojectionSurface":
     """The constants of the factor that `spec` describes, for the native kernel."""
     chart, motion, points = spec.chart, spec.motion, spec.points
@@ -67,7 +68,7 @@ def native_surface(
         chart.world_T_anchor.matrix(),
         chart.basis,
         chart.angle,
-        spec.body_T_cam.matrix(),
+        body_T_cam.matrix(),
         motion.elapsed,
         motion.preintegrated,
         motion.bias_jacobian,

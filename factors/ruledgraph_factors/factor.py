@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The point-to-ruled-surface factor as GTSAM sees it; `factories` builds it."""
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import gtsam
@@ -80,7 +79,7 @@ class _RuledSurfaceError(ErrorFunction):
         extrinsics = None
         if spec.form in ("knot_extrinsics", "pose_extrinsics"):
             extrinsics = values.atPose3(keys[-2])
-            write = writing(replace(spec, body_T_cam=extrinsics))
+            write = writing(spec, extrinsics)
         if H is None:
             write(state, value, None)
             return value

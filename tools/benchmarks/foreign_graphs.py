@@ -119,9 +119,9 @@ def observe(cameras: list[list[gtsam.Pose3]], rng: np.random.Generator) -> list[
             line = Line({})
             for i, interval in enumerate(cameras):
                 seen = [points_of(camera, ends, rng) for camera in interval]
-                frames = [j for j, points in enumerate(seen) if points is not None]
-                if frames:
-                    line.observed[i] = frames, [seen[j] for j in frames]
+                found = {j: points for j, points in enumerate(seen) if points is not None}
+                if found:
+                    line.observed[i] = list(found), list(found.values())
             lines.append(line)
     return lines
 
@@ -135,7 +135,8 @@ def points_of(
         return None
     image = inside[:, :2] / inside[:, 2:]
     along = rng.uniform(size=(20, 1))
-    return image[0] + along * (image[1] - image[0]) + rng.normal(scale=EDGE_SIGMA, size=(20, 2))
+    noise = rng.normal(scale=EDGE_SIGMA, size=(20, 2))
+    return np.asarray(image[0] + along * (image[1] - image[0]) + noise)
 
 
 def solve_with_lines(

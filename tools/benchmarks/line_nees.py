@@ -98,8 +98,8 @@ def nees(seed: int, pixels: float, step: int) -> tuple[FloatArray, bool]:
             preintegrated = gtsam.PreintegratedCombinedMeasurements(params, NO_BIAS)
             for segment in imu.samples.segments(time, stop, at=FRAME_TIMES[frames], bias=NO_BIAS):
                 preintegrated.integrateMeasurement(*segment)
-            keys = (X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1))
-            graph.add(gtsam.CombinedImuFactor(*keys, preintegrated))
+            imu_keys = (X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1))
+            graph.add(gtsam.CombinedImuFactor(*imu_keys, preintegrated))
             state = preintegrated.predict(state, NO_BIAS)
     optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, rf.levenberg_marquardt_params())
     values = optimizer.optimize()
