@@ -34,6 +34,7 @@ BIAS = gtsam.imuBias.ConstantBias(np.array([-0.3, 0.1, 0.2]), np.array([0.1, 0.3
 PRIOR = 0.02  # of pose (rad, m) and velocity (m/s); the means are drawn from it
 EDGE_SIGMA = 1e-3  # half a pixel at a focal length of 500 px
 FRAMES = np.arange(5) / 5.0  # after each state, s
+NOISE_SCALES = (30.0, 5.0)  # of the solutions on the way from a poor estimate
 SECONDS = 12
 BODY_T_CAM = gtsam.Pose3(  # looks to the left of the way
     gtsam.Rot3(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])), np.zeros(3)
@@ -145,22 +146,24 @@ def solve_with_lines(
     lines: list[Line],
     motions: list[rf.FrameMotion],
 ) -> gtsam.Values:
-    """Lines start from the estimate without them; those that end in a wrong minimum start again
-    from the estimate with the others, and stay out if that does not help.
+    """Lines start from the estimate without them. Where that is poor they draw it to a better one
+    with their noise taken too large at first; then all of them start again. Those that end in a
+    wrong minimum stay out. If those are most of them, it is the estimate that is wrong: no lines.
     """
-    waiting = list(enumerate(lines))
-    for _ in range(3):
-        for number, line in waiting:
+    without = values
+    for scale in NOISE_SCALES:
+        for number, line in enumerate(lines):
             start(number, line, values, motions)
-        values = optimize(*assemble(graph, values, lines, motions))
-        full, _ = assemble(graph, values, lines, motions)
-        bad = {check.key for check in rf.check_lines(full, values) if not check.ok}
-        waiting = [(n, line) for n, line in enumerate(lines) if line.key in bad]
-        for _, line in waiting:
+        values = optimize(*assemble(graph, values, lines, motions, scale))
+    full, values = assemble(graph, values, lines, motions)
+    values = optimize(full, values)
+    bad = {check.key for check in rf.check_lines(full, values) if not check.ok}
+    if 2 * len(bad) > sum(line.key >= 0 for line in lines):
+        return without
+    for line in lines:
+        if line.key in bad:
             line.key = -1
-        if waiting:
-            values = optimize(*assemble(graph, values, lines, motions))
-    return values
+    return optimize(*assemble(graph, values, lines, motions))
 
 
 def start(number: int, line: Line, values: gtsam.Values, motions: list[rf.FrameMotion]) -> None:
@@ -173,8 +176,9 @@ def start(number: int, line: Line, values: gtsam.Values, motions: list[rf.FrameM
         points += seen
     if len(cameras) >= 2:
         found = rf.triangulate_line(cameras, points, EDGE_SIGMA)
-        if found.determined:
-            line.key, line.chart = L(number), found.chart
+        line.key, line.chart = L(number) if found.determined else -1, found.chart
+        if values.exists(L(number)):
+            values.erase(L(number))
 
 
 def assemble(
@@ -182,8 +186,9 @@ def assemble(
     values: gtsam.Values,
     lines: list[Line],
     motions: list[rf.FrameMotion],
+    scale: float = 1.0,
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-    """The graph with the lines that have started."""
+    """The graph with the lines that have started, their noise `scale` times what it is."""
     graph, values = gtsam.NonlinearFactorGraph(graph), gtsam.Values(values)
     for number, line in enumerate(lines):
         if line.key < 0 or line.chart is None:
@@ -197,7 +202,7 @@ def assemble(
         graph.add(rf.new_line_factor(WIDE, X(first), line.key, line.chart, pose))
         for i, (frames, seen) in line.observed.items():
             points = rf.GeometricPoints.from_frames(seen)
-            noise = noiseModel.Isotropic.Sigma(points.rows, EDGE_SIGMA)
+            noise = noiseModel.Isotropic.Sigma(points.rows, scale * EDGE_SIGMA)
             keys, motion = (X(i), V(i), B(i), line.key), motions[i].select(frames)
             graph.add(rf.ruled_surface_factor(noise, *keys, motion, line.chart, points, BODY_T_CAM))
     return graph, values
