@@ -214,8 +214,6 @@ def optimize(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.V
     return gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
 
 
-# -- VisualISAM2Example ----------------------------------------------------------------------------
-
 CUBE = np.array([[x, y, z] for x in (-10.0, 10.0) for y in (-10.0, 10.0) for z in (-10.0, 10.0)])
 EDGES = [(i, j) for i in range(8) for j in range(i) if np.sum(CUBE[i] != CUBE[j]) == 1]
 CALIBRATION = gtsam.Cal3_S2(50.0, 50.0, 0.0, 50.0, 50.0)
