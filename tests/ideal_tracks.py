@@ -13,7 +13,7 @@ from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph.simulation.edges import observe_segment
-from ruledgraph_factors import CompressedPoints
+from ruledgraph_factors import GeometricPoints
 from simulated_window import BODY_T_CAM, FOCAL_LENGTH, SEGMENTS
 
 CALIBRATION = Calibration(
@@ -43,7 +43,7 @@ def stamp_of(time: float) -> int:
 
 
 def sighting(stamp: int, points: np.ndarray) -> Sighting:
-    return Sighting(stamp, points, CompressedPoints.from_frames([points]).statistics[0])
+    return Sighting(stamp, points, GeometricPoints.from_frames([points]).statistics[0])
 
 
 def ideal_tracks(

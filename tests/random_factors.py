@@ -4,27 +4,31 @@
 
 import dataclasses
 from dataclasses import dataclass
+from typing import get_args
 
 import gtsam
 import numpy as np
 from gtsam import noiseModel
-from gtsam.symbol_shorthand import B, G, L, T, V, X
+from gtsam.symbol_shorthand import B, E, G, L, T, V, X
 
 from ruledgraph_factors import (
-    CompressedPoints,
     FrameMotion,
-    IndividualPoints,
+    GeometricPoints,
     LineChart,
+    ReprojectionPoints,
     RuledSurfaceFactor,
     ruled_surface_factor,
+    ruled_surface_factor_with_extrinsics,
     ruled_surface_factor_with_gravity_direction,
     ruled_surface_factor_with_gravity_vector,
     ruled_surface_factor_with_time_offset,
     ruled_surface_pose_factor,
+    ruled_surface_pose_factor_with_extrinsics,
 )
+from ruledgraph_factors.spec import Form
 
-FORMS = ("knot", "knot_time_offset", "knot_gravity_direction", "knot_gravity_vector", "pose")
-POINTS = (CompressedPoints, IndividualPoints)
+FORMS = get_args(Form)
+POINTS = (GeometricPoints, ReprojectionPoints)
 
 
 @dataclass
@@ -38,8 +42,8 @@ class Case:
     body_T_cam: gtsam.Pose3
     values: gtsam.Values
 
-    def factor(self, form: str, kind=CompressedPoints, sigma: float = 1.0) -> RuledSurfaceFactor:
-        frames = self.frames[:1] if form == "pose" else self.frames
+    def factor(self, form: str, kind=GeometricPoints, sigma: float = 1.0) -> RuledSurfaceFactor:
+        frames = self.frames[:1] if form.startswith("pose") else self.frames
         points = kind.from_frames(frames)
         noise = noiseModel.Isotropic.Sigma(points.rows, sigma)
         knot = (X(0), V(0), B(0))
@@ -51,6 +55,11 @@ class Case:
             return ruled_surface_factor(noise, *knot, L(0), *rest)
         if form == "knot_time_offset":
             return ruled_surface_factor_with_time_offset(noise, *knot, T(0), L(0), *rest)
+        if form == "knot_extrinsics":
+            return ruled_surface_factor_with_extrinsics(noise, *knot, E(0), L(0), *rest[:3])
+        if form == "pose_extrinsics":
+            keys = (X(0), E(0), L(0))
+            return ruled_surface_pose_factor_with_extrinsics(noise, *keys, *rest[1:3])
         if form == "knot_gravity_direction":
             return ruled_surface_factor_with_gravity_direction(noise, *knot, G(0), L(0), *rest)
         if form == "knot_gravity_vector":
@@ -94,4 +103,5 @@ def random_case(seed: int, frames: int = 3, points: int = 6, distance: float | N
     values.insert(G(1), rng.normal(size=3) * 9.0)
     values.insert(L(0), np.append(rng.normal() * 0.01, rng.normal(size=3) * 0.02))
     values.insert(T(0), rng.normal() * 0.01)
+    values.insert(E(0), body_T_cam)
     return Case(rng, motion, chart, list(seen), body_T_cam, values)

@@ -13,7 +13,7 @@ from ruledgraph.calibration.sensors import D435I_LIKE, ImuNoise
 from ruledgraph.simulation import SimulatedImu, SplineMotion, simulate_imu
 from ruledgraph.simulation.edges import observe_segment
 from ruledgraph_factors import (
-    CompressedPoints,
+    GeometricPoints,
     LineChart,
     line_from_ruling,
     preintegrate_frames,
@@ -136,7 +136,7 @@ def smoothing_problem(
         frames = slice(first_frame, first_frame + frames_per_knot)
         motion = preintegrate_frames(window.imu.samples, time, window.times[frames], bias)
         for i, chart in enumerate(charts):
-            points = CompressedPoints.from_frames(window.edges[i][frames])
+            points = GeometricPoints.from_frames(window.edges[i][frames])
             noise = noiseModel.Isotropic.Sigma(points.rows, pixel_noise / FOCAL_LENGTH)
             graph.add(
                 ruled_surface_factor(

@@ -70,6 +70,9 @@ ensure_venv() {
     rm -f "$stamp"
     # A venv whose creation was interrupted, or whose Python was upgraded, has no pip.
     .venv/bin/python -m pip --version >/dev/null 2>&1 || quietly .venv/bin/python -m ensurepip
+    # Where both were one distribution, removing the old one afterwards would take the new files.
+    quietly .venv/bin/python -m pip --disable-pip-version-check uninstall --yes \
+        ruledgraph ruledgraph-factors
     RULEDGRAPH_FACTORS=linked quietly .venv/bin/python -m pip --disable-pip-version-check \
         install --editable ./factors --editable ".$extra"
     echo "$wanted $extra" >"$stamp"

@@ -23,11 +23,11 @@ from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, L, V, X
 
 from ruledgraph_factors import (
-    CompressedPoints,
     FrameMotion,
+    GeometricPoints,
     ImuSamples,
-    IndividualPoints,
     LineChart,
+    ReprojectionPoints,
     active_kernel,
     preintegrate_frames,
     ruled_surface_factor,
@@ -99,7 +99,7 @@ def print_factors() -> None:
     calls = [f"`{call}`, {name}" for call in ("error", "linearize") for name in names]
     print_row("residual", "frames", "rows", *calls)
     print_row("---", *["---:"] * (2 + len(calls)))
-    for kind, kind_name in ((CompressedPoints, "geometric"), (IndividualPoints, "reprojection")):
+    for kind, kind_name in ((GeometricPoints, "geometric"), (ReprojectionPoints, "reprojection")):
         for frames in FRAMES:
             motion, chart, points, values = scene(frames)
             observed = kind.from_frames(points)

@@ -23,10 +23,14 @@ from ruledgraph.calibration.sensors import D435I_LIKE
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph.simulation.edges import observe_segment
 from ruledgraph_factors import (
-    CompressedPoints,
+    NEW_LINE_SIGMAS,
+    GeometricPoints,
     ImuSamples,
     LineChart,
+    isam2_params,
+    levenberg_marquardt_params,
     line_from_ruling,
+    new_line_factor,
     preintegrate_frames,
     ruled_surface_factor,
 )
@@ -48,18 +52,14 @@ POINT_NOISE, EDGE_NOISE = 1.0, 0.5  # px
 LINE_DISTANCE = 5.5  # m, the guess for every new line; really they are 2.5 to 4.5 m away
 NO_BIAS = gtsam.imuBias.ConstantBias()
 IMU_PARAMS = D435I_LIKE.preintegration_params()
-ISAM_PARAMS = gtsam.ISAM2Params()
-ISAM_PARAMS.setRelinearizeThreshold(0.01)
-ISAM_PARAMS.relinearizeSkip = 1  # with GTSAM's default, 10, new lines diverge
+ISAM_PARAMS = isam2_params()
 
 FIRST_POSE = noiseModel.Isotropic.Sigma(6, 1e-4)  # the gauge
 FIRST_VELOCITY = noiseModel.Isotropic.Sigma(3, 0.05)  # m/s
 FIRST_BIAS = noiseModel.Diagonal.Sigmas(np.array([0.02] * 3 + [0.001] * 3))  # m/s^2, rad/s
 NEW_POINT = noiseModel.Isotropic.Sigma(3, 1.0)  # until a second view shows its depth
 PROJECTION = noiseModel.Isotropic.Sigma(2, POINT_NOISE)
-# One image shows the plane of a line, delta[2] and delta[3]: free. It shows neither the direction
-# in that plane, delta[1], nor the distance, delta[0]: wide, but in reach of the initial value.
-NEW_LINE = noiseModel.Diagonal.Sigmas(np.array([1.0, 1.0, 10.0, 10.0]))
+NEW_LINE = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
 
 
 @dataclass
@@ -94,8 +94,8 @@ def simulate(seed: int) -> Recording:
     """A hand-held walk along a wall with points and edges.
 
     The edges are at most 27 degrees off the wall's plane. A new line starts perpendicular to its
-    viewing ray: for edges that recede by more than 45 degrees Gauss-Newton may diverge, give both
-    incremental solvers `gtsam.ISAM2DoglegParams` then.
+    viewing ray; edges that recede by more than 45 degrees want `triangulate_line` instead, once
+    they were seen from two places.
     """
     rng = np.random.default_rng(seed)
     waypoints = np.arange(-0.5, 4.1, 0.5)
@@ -206,8 +206,8 @@ def add_lines(
             world_T_cam = world_T_body * BODY_T_CAM
             charts[i] = line_from_ruling(world_T_cam, frames[0], 1.0 / LINE_DISTANCE)
             packet.values.insert(E(i), np.zeros(4))
-            packet.factors.addPriorVector(E(i), np.zeros(4), NEW_LINE)
-        points = CompressedPoints.from_frames(frames)
+            packet.factors.add(new_line_factor(NEW_LINE, P(k), E(i), charts[i], world_T_body))
+        points = GeometricPoints.from_frames(frames)
         noise = noiseModel.Isotropic.Sigma(points.rows, EDGE_NOISE / FOCAL)
         packet.factors.add(
             ruled_surface_factor(
@@ -236,8 +236,7 @@ def levenberg_marquardt(packets: list[Packet]) -> list[gtsam.Pose3]:
     for k, packet in enumerate(packets):
         graph.push_back(packet.factors)
         values.insert(new_values(k, packet, values))
-    params = gtsam.LevenbergMarquardtParams()
-    params.setDiagonalDamping(True)  # without it no step may succeed beside stiff priors
+    params = levenberg_marquardt_params()
     values = gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
     return [values.atPose3(P(k)) for k in range(len(packets))]
 

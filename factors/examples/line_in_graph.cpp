@@ -71,7 +71,7 @@ int main() {
   // The line: a chart from one image and a guess of the distance, its points, a factor, a prior.
   const rg::Pose world_T_cam = rg::from_gtsam(pose * body_T_cam);
   const rg::LineChart chart = rg::line_from_ruling(world_T_cam, frames[0], 1.0 / 4.0);
-  const rg::CompressedPoints points = rg::compress_points(frames);
+  const rg::GeometricPoints points = rg::compress_points(frames);
   const auto noise = gtsam::noiseModel::Isotropic::Sigma(points.rows(), 0.5 / focal_length);
   graph.add(
       rg::RuledSurfaceFactor(noise, X(0), V(0), B(0), L(0), motions, chart, points, body_T_cam));

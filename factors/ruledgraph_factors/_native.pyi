@@ -60,7 +60,7 @@ class GeometricSurface(_Surface):
     """As `ruled_surface.geometric_residual`."""
 
     def __init__(self, geometry: Geometry, statistics: FloatArray) -> None:
-        """Take the statistics (n, 3, 3) of `CompressedPoints`."""
+        """Take the statistics (n, 3, 3) of `GeometricPoints`."""
 
 class ReprojectionSurface(_Surface):
     """As `ruled_surface.reprojection_residual`."""
@@ -68,7 +68,7 @@ class ReprojectionSurface(_Surface):
     def __init__(
         self, geometry: Geometry, points: FloatArray, sqrt_weights: FloatArray, frame: IntArray
     ) -> None:
-        """Take the three arrays of `IndividualPoints`."""
+        """Take the three arrays of `ReprojectionPoints`."""
 
 def plucker(
     world_T_anchor: FloatArray, basis: FloatArray, angle: float, delta: FloatArray

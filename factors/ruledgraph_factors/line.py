@@ -35,14 +35,18 @@ from numpy.typing import ArrayLike
 
 from ruledgraph_factors.errors import FactorError
 from ruledgraph_factors.kernel import active_kernel, native
+from ruledgraph_factors.plucker import (
+    NEGLIGIBLE,
+    column_derivatives,
+    nearest_coordinates,
+    orthonormal_basis,
+    pose_arrays,
+    ruling_frame,
+    seen_from,
+    unit_pair,
+)
 from ruledgraph_factors.so3 import exp_and_right_jacobian, hat
 from ruledgraph_factors.validation import FloatArray, finite_array, number, pose, rotation_matrix
-
-# Below this, a unit Pluecker pair's direction (or moment) is rounding noise: the line is at
-# infinity (or runs through the centre).
-NEGLIGIBLE = 1e-12
-# How far (rad) the foot of a ruling may lie off it: rounding and pixel noise, not another line.
-_FOOT_ON_LINE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +88,8 @@ class LineChart:
             FactorError: when both are zero.
         """
         pose("world_T_anchor", world_T_anchor)
-        m, v = _in_anchor(world_T_anchor, moment, direction)
-        basis = _orthonormal_basis(m, v, np.eye(3))
+        m, v = unit_pair(world_T_anchor, moment, direction)
+        basis = orthonormal_basis(m, v, np.eye(3))
         return cls(world_T_anchor, basis, float(np.arctan2(np.linalg.norm(v), np.linalg.norm(m))))
 
     @classmethod
@@ -124,21 +128,9 @@ class LineChart:
         Raises:
             FactorError: for a = b = 0 (a line without a finite image), a negative distance.
         """
-        a, b, c = line = finite_array("image_line", image_line, (3,))
-        if np.hypot(a, b) <= NEGLIGIBLE * float(np.linalg.norm(line)):
-            raise FactorError("image_line: a and b are both zero, the line has no finite image")
+        basis = ruling_frame(image_line, foot)
         if number("inverse_distance", inverse_distance) < 0.0:
             raise FactorError(f"inverse_distance must not be negative, got {inverse_distance:g}")
-        normal = line / np.linalg.norm(line)
-        if foot is None:
-            ray = np.array([-a * c, -b * c, a * a + b * b])
-        else:
-            ray = np.append(finite_array("foot", foot, (2,)), 1.0)
-            if abs(normal @ ray) > _FOOT_ON_LINE * np.linalg.norm(ray):
-                raise FactorError("foot: this image point does not lie on image_line")
-            ray = ray - normal * (normal @ ray)
-        u3 = -ray / np.linalg.norm(ray)
-        basis = np.stack([normal, np.cross(u3, normal), u3], axis=1)
         return cls(world_T_cam, basis, float(np.arctan(inverse_distance)))
 
     # -- the chart -------------------------------------------------------------------------------
@@ -158,9 +150,9 @@ class LineChart:
             return native.plucker(anchor, self.basis, self.angle, _delta(delta))
         u, phi, right_jacobian = self.frame(_delta(delta))
         cosine, sine = np.cos(phi), np.sin(phi)
-        rotation, position = _arrays(self.world_T_anchor)
+        rotation, position = pose_arrays(self.world_T_anchor)
         moment, direction = cosine * u[:, 0], sine * u[:, 1]
-        d_u1, d_u2, _ = _column_derivatives(u, right_jacobian)
+        d_u1, d_u2, _ = column_derivatives(u, right_jacobian)
         d_moment = np.column_stack([-sine * u[:, 0], cosine * d_u1])
         d_direction = np.column_stack([cosine * u[:, 1], sine * d_u2])
         across = hat(position) @ rotation
@@ -175,22 +167,46 @@ class LineChart:
         A line has four equivalent frames U (its and its normal's sign are free); the one nearest
         to the reference is taken.
         """
-        m, v = _in_anchor(self.world_T_anchor, moment, direction)
-        u = _orthonormal_basis(m, v, self.basis)
+        m, v = unit_pair(self.world_T_anchor, moment, direction)
+        u = orthonormal_basis(m, v, self.basis)
         angle = float(np.arctan2(np.linalg.norm(v), np.linalg.norm(m)))
-        # (m, v) and (-m, -v) are one line, and so are (u2, phi) and (-u2, -phi).
-        candidates = []
-        for signs, side in (
-            ((1, 1, 1), 1),
-            ((-1, -1, 1), 1),
-            ((1, -1, -1), -1),
-            ((-1, 1, -1), -1),
-        ):
-            rotation = gtsam.Rot3(self.basis.T @ (u * np.array(signs)))
-            turn = side * angle - self.angle
-            turn -= np.pi * np.round(turn / np.pi)
-            candidates.append(np.append(turn, gtsam.Rot3.Logmap(rotation)))
-        return np.asarray(min(candidates, key=lambda d: float(d @ d)))
+        return nearest_coordinates(self.basis, u, self.angle, angle)
+
+    def wrapped(self, delta: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """The smallest `delta` (4,) of the same line, and its derivative by `delta`, (4, 4).
+
+        phi counts modulo pi and a line has four frames U: of a line that is not far (`is_far`)
+        it is `delta` itself.
+        """
+        here = _delta(delta)
+        u, phi, right_jacobian = self.frame(here)
+        smallest = nearest_coordinates(self.basis, u, self.angle, phi)
+        there, _, there_jacobian = self.frame(smallest)
+        # U' = U S with signs S; U Exp(w) S = U S Exp(S w), and phi' = s_1 s_2 phi.
+        signs = np.sign(np.sum(u * there, axis=0))
+        jacobian = np.zeros((4, 4))
+        jacobian[0, 0] = signs[0] * signs[1]
+        jacobian[1:, 1:] = np.linalg.solve(there_jacobian, signs[:, None] * right_jacobian)
+        return smallest, jacobian
+
+    @staticmethod
+    def is_far(delta: ArrayLike) -> bool:
+        """Whether |delta| >= pi/2: within that every line has one `delta`, its smallest, in any
+        chart; from there on it may have wrapped. Time for `recentred`.
+        """
+        return float(np.linalg.norm(_delta(delta))) >= 0.5 * np.pi
+
+    def recentred(self, delta: ArrayLike) -> tuple["LineChart", FloatArray]:
+        """The same line in a chart around it, at the same anchor (there at zeros(4), |phi0| at most
+        pi/2), and d delta_new / d delta = diag(1, Jr(delta[1:4])), (4, 4).
+        """
+        u, phi, right_jacobian = self.frame(_delta(delta))
+        jacobian = np.eye(4)
+        jacobian[1:, 1:] = right_jacobian
+        basis = gtsam.Rot3.ClosestTo(u).matrix()
+        return LineChart(
+            self.world_T_anchor, basis, phi - np.pi * float(np.round(phi / np.pi))
+        ), jacobian
 
     def reanchor(
         self, delta: ArrayLike, world_T_anchor: gtsam.Pose3
@@ -204,48 +220,17 @@ class LineChart:
         """
         pose("world_T_anchor", world_T_anchor)
         u, phi, right_jacobian = self.frame(_delta(delta))
-        cosine, sine = np.cos(phi), np.sin(phi)
-        d_u1, d_u2, _ = _column_derivatives(u, right_jacobian)
         new_T_old = world_T_anchor.between(self.world_T_anchor)
-        rotation, position = _arrays(new_T_old)
-
-        direction = rotation @ u[:, 1]
-        d_direction = np.column_stack([np.zeros(3), rotation @ d_u2])
-        moment = rotation @ (cosine * u[:, 0]) + sine * np.cross(position, direction)
-        d_moment = np.column_stack(
-            [
-                -sine * rotation @ u[:, 0] + cosine * np.cross(position, direction),
-                cosine * rotation @ d_u1 + sine * hat(position) @ d_direction[:, 1:],
-            ]
-        )
-        size = float(np.linalg.norm(moment))
-        if size <= NEGLIGIBLE * (1.0 + float(np.linalg.norm(position))):
-            raise FactorError("world_T_anchor: the line runs through the new anchor's centre")
-        normal = moment / size
-        basis = np.column_stack([normal, direction, np.cross(normal, direction)])
-        d_size = normal @ d_moment
-        d_normal = (d_moment - np.outer(normal, d_size)) / size
-        # From U = U Exp(w): u3 . du2 = w0, -u3 . du1 = w1, u2 . du1 = w2; phi = atan2(sine, size).
-        d_sine = np.array([cosine, 0.0, 0.0, 0.0])
-        jacobian = np.stack(
-            [
-                (size * d_sine - sine * d_size) / (size**2 + sine**2),
-                basis[:, 2] @ d_direction,
-                -basis[:, 2] @ d_normal,
-                basis[:, 1] @ d_normal,
-            ]
-        )
-        # `basis` is orthonormal but for rounding; Rot3 puts that right before it is stored.
-        basis = gtsam.Rot3.ClosestTo(basis).matrix()
-        return LineChart(world_T_anchor, basis, float(np.arctan2(sine, size))), jacobian
+        basis, angle, jacobian = seen_from(new_T_old, u, phi, right_jacobian)
+        return LineChart(world_T_anchor, basis, angle), jacobian
 
     # -- quantities of the line ------------------------------------------------------------------
 
     def direction(self, delta: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Unit direction in the world, (3,), and its derivative, (3, 4)."""
         u, _, right_jacobian = self.frame(_delta(delta))
-        rotation, _ = _arrays(self.world_T_anchor)
-        _, d_u2, _ = _column_derivatives(u, right_jacobian)
+        rotation, _ = pose_arrays(self.world_T_anchor)
+        _, d_u2, _ = column_derivatives(u, right_jacobian)
         return rotation @ u[:, 1], np.column_stack([np.zeros(3), rotation @ d_u2])
 
     def inverse_distance(self, delta: ArrayLike) -> tuple[float, FloatArray]:
@@ -265,7 +250,7 @@ class LineChart:
         Raises:
             FactorError: for a line at infinity.
         """
-        rotation, position = _arrays(self.world_T_anchor)
+        rotation, position = pose_arrays(self.world_T_anchor)
         foot, along, d_foot, d_along = self._foot_and_direction(_delta(delta))
         if to is not None:
             target = rotation.T @ (finite_array("to", to, (3,)) - position)
@@ -304,7 +289,7 @@ class LineChart:
         Raises:
             FactorError: for a line at infinity.
         """
-        rotation, position = _arrays(self.world_T_anchor)
+        rotation, position = pose_arrays(self.world_T_anchor)
         foot, along, d_foot, d_along = self._foot_and_direction(_delta(delta))
         reach = finite_array("extent", extent, (2,))[:, None]
         ends = (foot + reach * along) @ rotation.T + position
@@ -318,7 +303,7 @@ class LineChart:
         sine = float(np.sin(phi))
         if abs(sine) <= NEGLIGIBLE:
             raise FactorError("delta: the line is at infinity and has no finite point")
-        _, d_u2, d_u3 = _column_derivatives(u, right_jacobian)
+        _, d_u2, d_u3 = column_derivatives(u, right_jacobian)
         distance = float(np.cos(phi)) / sine
         d_foot = np.column_stack([u[:, 2] / sine**2, -distance * d_u3])
         return -distance * u[:, 2], u[:, 1], d_foot, np.column_stack([np.zeros(3), d_u2])
@@ -326,66 +311,3 @@ class LineChart:
 
 def _delta(value: ArrayLike) -> FloatArray:
     return finite_array("delta", value, (4,))
-
-
-def _arrays(frame: gtsam.Pose3) -> tuple[FloatArray, FloatArray]:
-    return frame.rotation().matrix(), frame.translation()
-
-
-def _column_derivatives(
-    u: FloatArray, right_jacobian: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Derivatives of u1, u2, u3 by delta[1:4], each (3, 3): d u_i = U (w x e_i), w = Jr d delta."""
-    w0, w1, w2 = right_jacobian
-    u1, u2, u3 = u.T
-    return (
-        np.outer(u2, w2) - np.outer(u3, w1),
-        np.outer(u3, w0) - np.outer(u1, w2),
-        np.outer(u1, w1) - np.outer(u2, w0),
-    )
-
-
-def _in_anchor(
-    world_T_anchor: gtsam.Pose3, moment: ArrayLike, direction: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
-    """World Pluecker pair in the anchor frame, moment made perpendicular, scaled to unit norm."""
-    rotation, position = _arrays(world_T_anchor)
-    m = finite_array("moment", moment, (3,))
-    v = finite_array("direction", direction, (3,))
-    largest = max(float(np.abs(m).max()), float(np.abs(v).max()))
-    if largest == 0.0:
-        raise FactorError("direction: moment and direction are both zero, that is no line")
-    m, v = m / largest, v / largest
-    m, v = rotation.T @ (m - np.cross(position, v)), rotation.T @ v
-    size = float(np.sqrt(m @ m + v @ v))
-    m, v = m / size, v / size
-    if np.linalg.norm(v) > NEGLIGIBLE:
-        m = m - v * (v @ m) / (v @ v)
-    return m, v
-
-
-def _orthonormal_basis(m: FloatArray, v: FloatArray, preferred: FloatArray) -> FloatArray:
-    """(u1 u2 u3) with u1 along m and u2 along v; what a zero m or v leaves open comes as close to
-    the columns of `preferred` as it can.
-    """
-    if np.linalg.norm(v) > NEGLIGIBLE:
-        u2 = v / np.linalg.norm(v)
-        u1 = _unit_perpendicular(u2, m, preferred)
-    else:
-        u1 = m / np.linalg.norm(m)
-        u2 = _unit_perpendicular(u1, v, np.roll(preferred, -1, axis=1))
-    return np.column_stack([u1, u2, np.cross(u1, u2)])
-
-
-def _unit_perpendicular(axis: FloatArray, wish: FloatArray, fallbacks: FloatArray) -> FloatArray:
-    """Unit vector perpendicular to the unit `axis`, along `wish` or the first fallback that is not
-    parallel to the axis.
-    """
-    for candidate, least in ((wish, NEGLIGIBLE), *((column, 0.5) for column in fallbacks.T)):
-        rest = candidate - axis * (axis @ candidate)
-        if np.linalg.norm(rest) > least:
-            # A second pass takes out what rounding left along the axis.
-            rest = rest / np.linalg.norm(rest)
-            rest = rest - axis * (axis @ rest)
-            return np.asarray(rest / np.linalg.norm(rest))
-    raise AssertionError("two orthogonal fallbacks cannot both be parallel to the axis")

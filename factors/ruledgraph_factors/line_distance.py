@@ -3,19 +3,27 @@
 """How far away a line is about, before anything shows it."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
-from typing import TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import gtsam
 import numpy as np
 from gtsam import noiseModel
 
-from ruledgraph_factors.errors import FactorError
+from ruledgraph_factors.factor_spec import (
+    ErrorFunction,
+    FactorSpec,
+    SpecFactor,
+    chart_arrays,
+    chart_from,
+)
 from ruledgraph_factors.kernel import active_kernel, native
 from ruledgraph_factors.line import LineChart
+from ruledgraph_factors.noise import noise_from_dict
 from ruledgraph_factors.so3 import hat
-from ruledgraph_factors.validation import FloatArray, graph_key, instance, positive_number
+from ruledgraph_factors.validation import FloatArray, instance, positive_number, vector_of
 
 _Angle: TypeAlias = Callable[[FloatArray, gtsam.Pose3], tuple[float, FloatArray, FloatArray]]
 # `line_angle` of a chart.
@@ -24,9 +32,73 @@ _Angle: TypeAlias = Callable[[FloatArray, gtsam.Pose3], tuple[float, FloatArray,
 _STRAIGHT = 0.05
 
 
+@dataclass(frozen=True, eq=False)
+class LineDistanceSpec(FactorSpec):
+    """Everything that defines a `line_distance_factor`, by the names of its arguments."""
+
+    FORMAT: ClassVar[str] = "ruledgraph_factors.LineDistanceSpec/1"
+
+    chart: LineChart
+    distance: float
+
+    def __post_init__(self) -> None:
+        self._check(("pose_key", "line_key"))
+        instance("chart", self.chart, LineChart)
+        object.__setattr__(self, "distance", positive_number("distance", self.distance))
+
+    @property
+    def rows(self) -> int:
+        """One, the logarithm."""
+        return 1
+
+    def _arrays(self) -> dict[str, Any]:
+        return {**chart_arrays(self.chart), "distance": np.float64(self.distance)}
+
+    @classmethod
+    def _from_parts(
+        cls, header: Mapping[str, Any], arrays: Mapping[str, Any]
+    ) -> "LineDistanceSpec":
+        return cls(
+            tuple(header["keys"]),
+            noise_from_dict(header["noise"]),
+            chart_from(arrays),
+            float(arrays["distance"]),
+        )
+
+
+class LineDistanceFactor(SpecFactor):
+    """The factor that a spec describes."""
+
+    spec: LineDistanceSpec
+
+    def __init__(self, spec: LineDistanceSpec) -> None:
+        super().__init__(spec, _LineDistanceError(spec))
+
+
+class _LineDistanceError(ErrorFunction):
+    def __init__(self, spec: LineDistanceSpec) -> None:
+        super().__init__(spec)
+        self._log_distance = math.log(spec.distance)
+        self._angle = _angle_of(spec.chart)
+
+    def error(
+        self, keys: list[int], values: gtsam.Values, H: list[FloatArray] | None
+    ) -> FloatArray:
+        pose, delta = values.atPose3(keys[0]), vector_of(values, keys[1], 4)
+        phi, by_pose, by_line = self._angle(delta, pose)
+        # To the logarithm's range and back: r(phi) and its slope beyond it are those at its end.
+        inside = min(max(phi, _STRAIGHT), 0.5 * math.pi - _STRAIGHT)
+        slope = 2.0 / math.sin(2.0 * inside)
+        if H is not None:
+            H[0] = slope * by_pose[None]
+            H[1] = slope * by_line[None]
+        value = math.log(math.tan(inside)) + self._log_distance + slope * (phi - inside)
+        return np.array([value])
+
+
 def line_distance_factor(
     noise_model: noiseModel.Base, pose_key: int, line_key: int, chart: LineChart, distance: float
-) -> gtsam.CustomFactor:
+) -> LineDistanceFactor:
     """A line is about so far from a pose, give or take a factor.
 
     Residual: r = log(tan(phi) distance), (1,), with tan(phi) the line's inverse distance from the
@@ -40,7 +112,8 @@ def line_distance_factor(
     says how far the line is from a fixed place would draw the poses along, a little with each line.
 
     Args:
-        noise_model: of dimension 1: the logarithm of the factor, log(4) for 1 / 4 to 4 times.
+        noise_model: of dimension 1, any kind, of the logarithm of the distance: log(4) for 1 / 4
+            to 4 times.
         pose_key: Pose3, world_T_body of a knot that saw the line.
         line_key: Vector4, delta of `chart`.
         chart: of the line.
@@ -49,29 +122,7 @@ def line_distance_factor(
     Raises:
         FactorError: naming the argument that is wrong.
     """
-    instance("chart", chart, LineChart)
-    keys = [graph_key("pose_key", pose_key), graph_key("line_key", line_key)]
-    log_distance = math.log(positive_number("distance", distance))
-    angle = _angle_of(chart)
-
-    def error(
-        this: gtsam.CustomFactor, values: gtsam.Values, H: list[FloatArray] | None
-    ) -> FloatArray:
-        pose_key, line_key = this.keys()
-        pose, delta = values.atPose3(pose_key), values.atVector(line_key)
-        phi, by_pose, by_line = angle(delta, pose)
-        # To the logarithm's range and back: r(phi) and its slope beyond it are those at its end.
-        inside = min(max(phi, _STRAIGHT), 0.5 * math.pi - _STRAIGHT)
-        slope = 2.0 / math.sin(2.0 * inside)
-        if H is not None:
-            H[0] = slope * by_pose[None]
-            H[1] = slope * by_line[None]
-        return np.array([math.log(math.tan(inside)) + log_distance + slope * (phi - inside)])
-
-    factor = gtsam.CustomFactor(noise_model, keys, error)
-    if factor.dim() != 1:
-        raise FactorError(f"noise_model has dimension {factor.dim()}, but this factor has 1 row")
-    return factor
+    return LineDistanceFactor(LineDistanceSpec((pose_key, line_key), noise_model, chart, distance))
 
 
 def line_angle(

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ruledgraph_factors.factor import Evaluate, evaluation, native_surface
+from ruledgraph_factors.evaluation import Evaluate, evaluation, native_surface
 from ruledgraph_factors.kernel import active_kernel
 from ruledgraph_factors.ruled_surface import State
 from ruledgraph_factors.spec import RuledSurfaceSpec
@@ -49,7 +49,9 @@ def fit_line(
     if active_kernel() == "numpy":
         return fit_line_in_numpy(evaluation(spec), state, starts, information, prior, descents)
     here = state.world_T_body, state.velocity, state.bias, state.gravity
-    found = native_surface(spec).fit_line(*here, list(starts), information, prior, descents)
+    found = native_surface(spec, spec.body_T_cam).fit_line(
+        *here, list(starts), information, prior, descents
+    )
     return LineMinimum(*found)
 
 

@@ -2,29 +2,97 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A prior on a new line that says nothing of where in the world it is."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
 import gtsam
 import numpy as np
 from gtsam import noiseModel
 
 from ruledgraph_factors.errors import FactorError
-from ruledgraph_factors.line import LineChart
-from ruledgraph_factors.so3 import hat
-from ruledgraph_factors.validation import (
-    FloatArray,
-    diagonal_noise,
-    graph_key,
-    instance,
-    pose,
+from ruledgraph_factors.factor_spec import (
+    ErrorFunction,
+    FactorSpec,
+    SpecFactor,
+    chart_arrays,
+    chart_from,
+    pose3,
 )
+from ruledgraph_factors.line import LineChart
+from ruledgraph_factors.noise import noise_from_dict
+from ruledgraph_factors.so3 import hat
+from ruledgraph_factors.validation import FloatArray, instance, pose, vector_of
+
+_IDENTITY = np.eye(4, order="F")
+
+
+@dataclass(frozen=True, eq=False)
+class NewLineSpec(FactorSpec):
+    """Everything that defines a `new_line_factor`, by the names of its arguments."""
+
+    FORMAT: ClassVar[str] = "ruledgraph_factors.NewLineSpec/1"
+
+    chart: LineChart
+    world_T_body: gtsam.Pose3
+
+    def __post_init__(self) -> None:
+        self._check(("pose_key", "line_key"))
+        instance("chart", self.chart, LineChart)
+        pose("world_T_body", self.world_T_body)
+
+    @property
+    def rows(self) -> int:
+        """Of delta."""
+        return 4
+
+    def _arrays(self) -> dict[str, Any]:
+        return {**chart_arrays(self.chart), "world_T_body": self.world_T_body.matrix()}
+
+    @classmethod
+    def _from_parts(cls, header: Mapping[str, Any], arrays: Mapping[str, Any]) -> "NewLineSpec":
+        return cls(
+            tuple(header["keys"]),
+            noise_from_dict(header["noise"]),
+            chart_from(arrays),
+            pose3("world_T_body", arrays["world_T_body"]),
+        )
+
+
+class NewLineFactor(SpecFactor):
+    """The factor that a spec describes."""
+
+    spec: NewLineSpec
+
+    def __init__(self, spec: NewLineSpec) -> None:
+        super().__init__(spec, _NewLineError(spec))
+
+
+class _NewLineError(ErrorFunction):
+    def __init__(self, spec: NewLineSpec) -> None:
+        super().__init__(spec)
+        self._chart, self._start = spec.chart, spec.world_T_body
+        self._by_pose = np.asfortranarray(-moved_with(spec.chart, spec.world_T_body))
+
+    def error(
+        self, keys: list[int], values: gtsam.Values, H: list[FloatArray] | None
+    ) -> FloatArray:
+        moved = self._start.localCoordinates(values.atPose3(keys[0]))
+        delta, by_line = vector_of(values, keys[1], 4), _IDENTITY
+        if self._chart.is_far(delta):
+            delta, by_line = self._chart.wrapped(delta)
+        if H is not None:
+            H[0], H[1] = self._by_pose, np.asfortranarray(by_line)
+        return np.asarray(delta + self._by_pose @ moved)
 
 
 def new_line_factor(
-    noise_model: noiseModel.Diagonal,
+    noise_model: noiseModel.Base,
     pose_key: int,
     line_key: int,
     chart: LineChart,
     world_T_body: gtsam.Pose3,
-) -> gtsam.LinearContainerFactor:
+) -> NewLineFactor:
     """As seen from a pose, a line is about where its chart's reference is.
 
     Residual: r = delta - F xi, (4,), with xi the pose's coordinates (rotation first) at
@@ -33,14 +101,15 @@ def new_line_factor(
         F xi = (sin(phi)^2 u3 . t,  u1 . w,  u2 . w - tan(phi) u1 . t,  u3 . w)
 
     w and t being the pose's turn and its shift at the anchor's centre, in the anchor frame, and
-    u1, u2, u3, phi the chart's. It is linear on purpose, as wide as such a prior is, and holds
-    delta wherever it goes.
+    u1, u2, u3, phi the chart's. It is linear on purpose, as wide as such a prior is. Of a line that
+    has wrapped (`LineChart.is_far`) delta is the smallest, so that it is not drawn back all the
+    way that it came.
 
     A prior on delta alone would be one in the world: with every line that comes and goes they add
     up to knowledge of place and heading that nothing shows, and the poses are drawn along.
 
     Args:
-        noise_model: of dimension 4, of delta (rad), such as `NEW_LINE_SIGMAS`.
+        noise_model: of dimension 4, any kind, of delta (rad), such as `NEW_LINE_SIGMAS`.
         pose_key: Pose3, world_T_body of a knot that saw the line.
         line_key: Vector4, delta of `chart`.
         chart: of the line.
@@ -50,16 +119,7 @@ def new_line_factor(
         FactorError: naming the argument that is wrong; or the reference line runs through the
             anchor.
     """
-    diagonal_noise(noise_model, 4)
-    instance("chart", chart, LineChart)
-    pose("world_T_body", world_T_body)
-    keys = graph_key("pose_key", pose_key), graph_key("line_key", line_key)
-    by_pose = -moved_with(chart, world_T_body)
-    linear = gtsam.JacobianFactor(keys[0], by_pose, keys[1], np.eye(4), np.zeros(4), noise_model)
-    values = gtsam.Values()
-    values.insert(keys[0], world_T_body)
-    values.insert(keys[1], np.zeros(4))
-    return gtsam.LinearContainerFactor(linear, values)
+    return NewLineFactor(NewLineSpec((pose_key, line_key), noise_model, chart, world_T_body))
 
 
 def moved_with(chart: LineChart, world_T_body: gtsam.Pose3) -> FloatArray:

@@ -4,8 +4,8 @@
 
 Their type chooses the residual:
 
-- `CompressedPoints`: the geometric one, three rows a frame whatever the number of points;
-- `IndividualPoints`: the paper's reprojection error, two rows a point.
+- `GeometricPoints`: the geometric one, three rows a frame whatever the number of points;
+- `ReprojectionPoints`: the paper's reprojection error, two rows a point.
 
 All points are in normalised, undistorted image coordinates, (x, y) = (X/Z, Y/Z).
 """
@@ -34,9 +34,12 @@ from ruledgraph_factors.validation import (
     positive_number,
 )
 
+# Variance of points (normalised image units squared) that is rounding.
+_COINCIDENT = 1e-14
+
 
 @dataclass(frozen=True, eq=False)
-class CompressedPoints:
+class GeometricPoints:
     """The points of n frames as triangular sufficient statistics; build with `from_frames`.
 
     For any image line l and the points p_i = (x_i, y_i, 1) of a frame,
@@ -57,7 +60,7 @@ class CompressedPoints:
         points: Sequence[ArrayLike],
         weights: Sequence[ArrayLike] | None = None,
         effective_points: float | None = None,
-    ) -> "CompressedPoints":
+    ) -> "GeometricPoints":
         """Compress the points (N_i, 2), N_i >= 1, of each frame.
 
         Args:
@@ -89,6 +92,26 @@ class CompressedPoints:
         """What all points weigh together: their number, if each has weight 1."""
         return float(np.sum(self.statistics[:, :, 2] ** 2))
 
+    def middles(self) -> FloatArray:
+        """Mean of the points of each frame, (n, 2)."""
+        moments = self.statistics.transpose(0, 2, 1) @ self.statistics[:, :, 2:]
+        return np.asarray(moments[:, :2, 0] / moments[:, 2:, 0])
+
+    def image_line(self, frame: int) -> tuple[FloatArray, FloatArray]:
+        """Total-least-squares line (a, b, c) of a frame's points, a^2 + b^2 = 1, and their mean.
+
+        Raises:
+            FactorError: when they all coincide.
+        """
+        triangle = self.statistics[frame]
+        moments = triangle.T @ triangle
+        middle = moments[:2, 2] / moments[2, 2]
+        spread, axes = np.linalg.eigh(moments[:2, :2] / moments[2, 2] - np.outer(middle, middle))
+        if spread[1] <= _COINCIDENT:
+            raise FactorError(f"points[{frame}] all coincide, no line runs through them alone")
+        normal = axes[:, 0]
+        return np.append(normal, -normal @ middle), middle
+
     def residual(self, line: CameraLine) -> Residual:
         """`geometric_residual` of these points."""
         return geometric_residual(line, self.statistics)
@@ -103,7 +126,7 @@ class CompressedPoints:
 
 
 @dataclass(frozen=True, eq=False)
-class IndividualPoints:
+class ReprojectionPoints:
     """The points of n frames one by one; build with `from_frames`."""
 
     points: FloatArray
@@ -131,8 +154,8 @@ class IndividualPoints:
         points: Sequence[ArrayLike],
         weights: Sequence[ArrayLike] | None = None,
         effective_points: float | None = None,
-    ) -> "IndividualPoints":
-        """Keep the points of each frame; arguments and errors as `CompressedPoints.from_frames`."""
+    ) -> "ReprojectionPoints":
+        """Keep the points of each frame; arguments and errors as `GeometricPoints.from_frames`."""
         stacked, sqrt_weights, counts = _checked_frames(points, weights, effective_points)
         return cls(stacked, sqrt_weights, np.repeat(np.arange(counts.size), counts))
 
@@ -145,6 +168,18 @@ class IndividualPoints:
     def rows(self) -> int:
         """Rows of the residual, 2N: the dimension of the noise model."""
         return 2 * len(self.points)
+
+    @cached_property
+    def weight(self) -> float:
+        """What all points weigh together: their number, if each has weight 1."""
+        return float(self.sqrt_weights @ self.sqrt_weights)
+
+    def middles(self) -> FloatArray:
+        """Mean of the points of each frame, (n, 2)."""
+        weights = self.sqrt_weights**2
+        totals = np.bincount(self.frame, weights)
+        sums = [np.bincount(self.frame, weights * column) for column in self.points.T]
+        return np.stack(sums, axis=1) / totals[:, None]
 
     def residual(self, line: CameraLine) -> Residual:
         """`reprojection_residual` of these points."""

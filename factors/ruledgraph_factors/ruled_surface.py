@@ -152,7 +152,7 @@ def geometric_residual(line: CameraLine, statistics: FloatArray) -> Residual:
 
     Args:
         line: in the n cameras.
-        statistics: C of each frame, (n, 3, 3), of `CompressedPoints`.
+        statistics: C of each frame, (n, 3, 3), of `GeometricPoints`.
     """
     size = np.hypot(line.moment[:, 0], line.moment[:, 1])
     visible = size > NO_RULING

@@ -129,12 +129,13 @@ def _require_rigid(name: str, value: gtsam.Pose3) -> None:
     rotation_matrix(name, matrix[:3, :3])
 
 
-def diagonal_noise(noise_model: gtsam.noiseModel.Diagonal, rows: int) -> None:
-    """Check a factor's noise model."""
-    instance("noise_model", noise_model, gtsam.noiseModel.Diagonal)
-    dimension = noise_model.sigmas().size  # the pre-release of GTSAM 4.3 has no dim()
-    if dimension != rows:
-        raise FactorError(f"noise_model has dimension {dimension}, but this factor has {rows} rows")
+def vector_of(values: gtsam.Values, key: int, size: int) -> FloatArray:
+    """The vector under a key, after checking its size."""
+    vector = values.atVector(key)
+    if vector.size != size:
+        name = gtsam.DefaultKeyFormatter(key)
+        raise FactorError(f"{name} must hold a vector of {size}, not of {vector.size}")
+    return vector
 
 
 def graph_key(name: str, value: int) -> int:

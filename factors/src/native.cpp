@@ -112,13 +112,13 @@ struct RuledSurface {
   }
 };
 
-using GeometricSurface = RuledSurface<CompressedPoints>;
-using ReprojectionSurface = RuledSurface<IndividualPoints>;
+using GeometricSurface = RuledSurface<GeometricPoints>;
+using ReprojectionSurface = RuledSurface<ReprojectionPoints>;
 
 GeometricSurface* make_geometric(const Geometry& geometry,
                                  Rows<const double, -1, 3, 3> statistics) {
   require(statistics.shape(0) == geometry.frames(), "statistics: not one for each frame");
-  CompressedPoints points;
+  GeometricPoints points;
   for (std::size_t i = 0; i < statistics.shape(0); ++i) {
     points.statistics.push_back(RowMajorMap<3, 3>(statistics.data() + 9 * i));
   }
@@ -131,7 +131,7 @@ ReprojectionSurface* make_reprojection(const Geometry& geometry, Rows<const doub
   const std::size_t count = points.shape(0);
   require(static_cast<std::size_t>(sqrt_weights.size()) == count && frame.shape(0) == count,
           "points, sqrt_weights and frame differ in length");
-  IndividualPoints individual{
+  ReprojectionPoints individual{
       RowMajorMap<Eigen::Dynamic, 2>(points.data(), static_cast<Index>(count), 2).transpose(),
       sqrt_weights, std::vector<Index>(geometry.frames(), 0)};
   std::int64_t previous = 0;

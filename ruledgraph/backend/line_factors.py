@@ -17,7 +17,7 @@ from ruledgraph.core.config import LinesConfig
 from ruledgraph.core.line_observations import Sighting
 from ruledgraph_factors import (
     NEW_LINE_SIGMAS,
-    CompressedPoints,
+    GeometricPoints,
     RuledSurfaceFactor,
     line_distance_factor,
     new_line_factor,
@@ -26,9 +26,9 @@ from ruledgraph_factors import (
 )
 
 
-def compressed_points(sightings: Sequence[Sighting]) -> CompressedPoints:
+def compressed_points(sightings: Sequence[Sighting]) -> GeometricPoints:
     """The points of several frames, for a factor."""
-    return CompressedPoints(np.array([sighting.statistics for sighting in sightings]))
+    return GeometricPoints(np.array([sighting.statistics for sighting in sightings]))
 
 
 def edge_noise(rows: int, weight: float, sigma: float, cauchy_scale: float) -> noiseModel.Base:

@@ -20,11 +20,10 @@ from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.landmarks import Landmark, note_reach
 from ruledgraph.backend.line_factors import compressed_points, new_line_factors, observation
 from ruledgraph.backend.states import Interval
-from ruledgraph.backend.triangulation import triangulate
 from ruledgraph.calibration.sensors import Calibration, FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack, Sighting
-from ruledgraph_factors import FactorError, LineChart, same_line_factor
+from ruledgraph_factors import FactorError, LineChart, same_line_factor, triangulate_line
 
 # So little behind the camera, 1/m, a line is as good as at infinity.
 _AT_INFINITY = 0.01
@@ -147,11 +146,16 @@ class LineMap:
             cameras += [of_frames[i] for i in index]
         sightings = [sighting for _, _, part in seen for sighting in part]
         points = compressed_points(sightings)
-        fit = triangulate(cameras, points, sightings[0].points, self._sigma)
-        if fit is None or fit.misfit * self._focal > self._config.max_new_misfit_px:
+        try:
+            fit = triangulate_line(cameras, points, self._sigma)
+        except FactorError:
             return None
-        behind = fit.inverse < -self._config.behind_sigmas * fit.inverse_sigma
-        if behind or fit.inverse > 1.0 / self._config.min_distance:
+        if fit.rms * self._focal > self._config.max_new_misfit_px:
+            return None
+        inverse, slope = fit.chart.inverse_distance(np.zeros(4))
+        sigma = math.sqrt(float(slope @ fit.covariance @ slope))
+        behind = inverse < -self._config.behind_sigmas * sigma
+        if behind or inverse > 1.0 / self._config.min_distance:
             self.rejected.add(track.id)
             return None
         return fit.chart, np.zeros(4)
@@ -184,14 +188,14 @@ class LineMap:
         noise = noiseModel.Isotropic.Sigma(4, moved)
         old_key, key, anchor = line.key, L(self._keys_so_far), line.chart.world_T_anchor
         try:
-            factor, chart = same_line_factor(noise, old_key, key, line.chart, line.delta, anchor)
+            chart, by_delta = line.chart.reanchor(line.delta, anchor)
+            factor = same_line_factor(noise, old_key, key, line.chart, line.delta, chart)
         except FactorError:
             return  # through its anchor: it will be judged
         self._keys_so_far += 1
         update.factors.add(factor)
         update.values.insert(key, np.zeros(4))
         update.times |= {old_key: line.last_time, key: line.last_time}
-        _, by_delta = line.chart.reanchor(line.delta, anchor)
         line.covariance = by_delta @ line.covariance @ by_delta.T
         line.key, line.chart, line.delta = key, chart, np.zeros(4)
         line.linearized, line.fixed = line.delta, False

@@ -19,8 +19,8 @@ from ruledgraph.core.estimates import Covariances, blocks
 from ruledgraph.core.line_observations import Sighting
 from ruledgraph_factors import (
     STANDARD_GRAVITY,
-    CompressedPoints,
     FrameMotion,
+    GeometricPoints,
     RuledSurfaceFactor,
 )
 from ruledgraph_factors.ruled_surface import State
@@ -59,7 +59,7 @@ class LineObservation(NamedTuple):
 
     line: Landmark
     factor: RuledSurfaceFactor
-    points: CompressedPoints
+    points: GeometricPoints
     last: tuple[int, FloatArray]
     """The last frame that saw it, by its place in the interval, and the points there."""
 

@@ -15,7 +15,7 @@ class Sighting(NamedTuple):
     points: FloatArray
     """Normalised, (N, 2)."""
     statistics: FloatArray
-    """What counts of them, (3, 3), see `CompressedPoints`."""
+    """What counts of them, (3, 3), see `GeometricPoints`."""
 
 
 class LineTrack(NamedTuple):

@@ -13,7 +13,7 @@ from ruledgraph.calibration.sensors import CameraModel, FloatArray
 from ruledgraph.frontend import kernel
 from ruledgraph.frontend.edge_search import EdgePoints, Ruling, search
 from ruledgraph.frontend.gradient import Gradient
-from ruledgraph_factors import CompressedPoints
+from ruledgraph_factors import GeometricPoints
 
 # How much of the way to its outermost points a line's end goes.
 _GROWTH = 0.3
@@ -56,7 +56,7 @@ class Edges(NamedTuple):
     ends: FloatArray
     """Those of the rulings, moved by `moved_ends`, (N, 2, 2)."""
     statistics: FloatArray
-    """All that counts of the points, (N, 3, 3), see `CompressedPoints`."""
+    """All that counts of the points, (N, 3, 3), see `GeometricPoints`."""
     lines: FloatArray
     """(N, 2), px."""
     support: FloatArray
@@ -120,7 +120,7 @@ def stacked(rulings: Rulings, found: Sequence[EdgePoints | None]) -> Edges:
         if edge is not None:
             edges.counts[i], edges.lines[i] = len(edge.points), edge.line
             edges.ends[i] = moved_ends(rulings.ends[i], edge.points)
-            edges.statistics[i] = CompressedPoints.from_frames([edge.points]).statistics[0]
+            edges.statistics[i] = GeometricPoints.from_frames([edge.points]).statistics[0]
             edges.support[i], edges.deviation[i] = edge.support, edge.deviation
             edges.slopes[i], edges.ambiguous[i] = edge.slope, edge.ambiguous
     return edges

@@ -116,7 +116,7 @@ class Tracker:
         return search_all(gradient, self._camera, rulings, beyond)
 
     def _sight(self, stamp: int, tracks: Sequence[Track], edges: Edges) -> None:
-        # As `CompressedPoints.from_frames` caps what a frame counts for.
+        # As `GeometricPoints.from_frames` caps what a frame counts for.
         share = np.minimum(1.0, self._edges.effective_points / edges.counts)
         statistics = np.sqrt(share)[:, None, None] * edges.statistics
         for i, (track, points) in enumerate(zip(tracks, edges.points_of_each(), strict=True)):

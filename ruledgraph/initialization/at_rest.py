@@ -8,8 +8,8 @@ import numpy as np
 from ruledgraph.backend.start import Start
 from ruledgraph.core.config import Config
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.initialization.prior import Refusal, level, pose_covariance, unknown_offset
-from ruledgraph_factors import STANDARD_GRAVITY
+from ruledgraph.initialization.prior import Refusal, pose_covariance, unknown_offset
+from ruledgraph_factors import STANDARD_GRAVITY, level_attitude
 
 _G = -STANDARD_GRAVITY[2]
 
@@ -32,7 +32,7 @@ def start_at_rest(
         return Refusal(
             f"at rest the accelerometer shows {np.linalg.norm(force):.2f} instead of 9.81 m/s^2"
         )
-    a, attitude = config.start.accelerometer_bias, level(force)
+    a, attitude = config.start.accelerometer_bias, level_attitude(force)
     return Start(
         stamp=stamp,
         time=stop,

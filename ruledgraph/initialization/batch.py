@@ -11,22 +11,24 @@ import numpy as np
 from gtsam import noiseModel
 
 from ruledgraph.backend.line_factors import compressed_points
-from ruledgraph.backend.triangulation import triangulate
 from ruledgraph.calibration.sensors import Calibration, FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph.initialization.closed_form import ClosedForm
-from ruledgraph.initialization.prior import bias_sigmas, level, pose_covariance, unknown_offset
+from ruledgraph.initialization.prior import bias_sigmas, pose_covariance, unknown_offset
 from ruledgraph_factors import (
     NEW_LINE_SIGMAS,
-    CompressedPoints,
+    FactorError,
     FrameMotion,
+    GeometricPoints,
     ImuSamples,
     LineChart,
+    level_attitude,
     line_from_ruling,
     preintegrate_frames,
     ruled_surface_factor,
     ruled_surface_factor_with_time_offset,
+    triangulate_line,
 )
 
 # Keys: pose, velocity, bias, the lines from here on, and the time offset after them.
@@ -89,9 +91,9 @@ class Batch:
         motion = preintegrate_frames(window.samples, window.times[0], window.times, bias)
         self._motion = motion
         # Upright on average: what velocity was gained meanwhile is the error.
-        self._upright = level(motion.preintegrated[-1, 6:9])
+        self._upright = level_attitude(motion.preintegrated[-1, 6:9])
         self._charts: list[LineChart] = []
-        self._factors: list[tuple[int, gtsam.NoiseModelFactor, CompressedPoints]] = []
+        self._factors: list[tuple[int, gtsam.NoiseModelFactor, GeometricPoints]] = []
         self.graph = gtsam.NonlinearFactorGraph()
         self.values = gtsam.Values()
         self.values.insert(_BIAS, bias)
@@ -209,10 +211,12 @@ class Batch:
         for i, (_, frames, sightings) in enumerate(self._window.seen):
             seen_from = [cameras[frame] for frame in frames]
             points = compressed_points(sightings)
-            fit = triangulate(seen_from, points, sightings[0].points, self._window.sigma)
-            if fit is not None:
-                self._charts[i] = fit.chart
-                self.values.update(_LINES + i, np.zeros(4))
+            try:
+                found = triangulate_line(seen_from, points, self._window.sigma)
+            except FactorError:
+                continue
+            self._charts[i] = found.chart
+            self.values.update(_LINES + i, np.zeros(4))
         self._build(self._cauchy_px, FINE.chunk)
         for i in np.flatnonzero(self._errors() > before - _BETTER).tolist():
             self._charts[i] = charts[i]
@@ -260,7 +264,7 @@ class Batch:
                 self._factors.append((i, factor, points))
 
     def _factor(
-        self, i: int, noise: noiseModel.Base, motion: FrameMotion, points: CompressedPoints
+        self, i: int, noise: noiseModel.Base, motion: FrameMotion, points: GeometricPoints
     ) -> gtsam.NoiseModelFactor:
         chart, body_T_cam = self._charts[i], self._window.calibration.body_T_cam
         line = _LINES + i

@@ -31,15 +31,6 @@ def pose_covariance(attitude: gtsam.Rot3, tilt: float) -> FloatArray:
     return covariance
 
 
-def level(force: FloatArray) -> gtsam.Rot3:
-    """world_R_body that turns `force` upwards and leaves the x axis (or y) level."""
-    up = force / np.linalg.norm(force)
-    axis = np.eye(3)[0] if abs(up[0]) < 0.9 else np.eye(3)[1]
-    x = axis - up * (up @ axis)
-    x = x / np.linalg.norm(x)
-    return gtsam.Rot3(np.stack([x, np.cross(up, x), up]))
-
-
 def unknown_offset(config: Config) -> TimeOffset | None:
     """How much later than their times the frames may have been taken; None: it is not estimated."""
     return TimeOffset(0.0, config.time_offset.sigma) if config.time_offset.estimate else None

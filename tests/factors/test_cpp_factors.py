@@ -11,7 +11,7 @@ from gtsam.symbol_shorthand import B, G, L, T, V, X
 from cpp import CPP, Reader, build, build_with_gtsam, numbers_of, run, stand_in
 from numerics import factor_jacobians
 from random_factors import FORMS, POINTS, Case, random_case
-from ruledgraph_factors import CompressedPoints, RuledSurfaceFactor
+from ruledgraph_factors import GeometricPoints, RuledSurfaceFactor
 
 SOURCE = CPP / "factor_test.cpp"
 KINDS = ("knot", "knot_time_offset", "knot_gravity_direction", "knot_gravity_vector", "pose")
@@ -38,7 +38,7 @@ def numbers(case: Case, factor: RuledSurfaceFactor) -> list[object]:
         data += [motion.elapsed[i], motion.preintegrated[i, :6], motion.bias_jacobian[i, :6]]
         if motion.time_jacobian is not None:
             data += [motion.time_jacobian[i]]
-    data += [isinstance(spec.points, CompressedPoints), len(frames)]
+    data += [isinstance(spec.points, GeometricPoints), len(frames)]
     for frame in frames:
         data += [len(frame), frame]
     data += [spec.gravity]

@@ -10,10 +10,10 @@ import pytest
 
 from cpp import CPP, Reader, build, numbers_of, run
 from ruledgraph_factors import (
-    CompressedPoints,
+    GeometricPoints,
     ImuSamples,
-    IndividualPoints,
     LineChart,
+    ReprojectionPoints,
     line_from_ruling,
     preintegrate_frames,
 )
@@ -110,9 +110,9 @@ def test_points_are_those_of_python(program: Path, cap: float) -> None:
     frames = [rng.uniform(-0.5, 0.5, size=(count, 2)) for count in (1, 3, 12)]
     data = [2, len(frames), *(part for frame in frames for part in (len(frame), frame)), cap]
     found = Reader(run(program, "values", text=numbers_of(data)))
-    for C in CompressedPoints.from_frames(frames, effective_points=cap).statistics:
+    for C in GeometricPoints.from_frames(frames, effective_points=cap).statistics:
         assert_same(found.take(9), C.T @ C)
-    individual = IndividualPoints.from_frames(frames, effective_points=cap)
+    individual = ReprojectionPoints.from_frames(frames, effective_points=cap)
     assert_same(found.take(32), individual.points)
     assert_same(found.take(16), individual.sqrt_weights)
     assert found.take(3).tolist() == [1.0, 3.0, 12.0]

@@ -17,12 +17,12 @@ from ruledgraph.calibration.sensors import D435I_LIKE
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph_factors import (
     STANDARD_GRAVITY,
-    CompressedPoints,
     FactorError,
     FrameMotion,
+    GeometricPoints,
     ImuSamples,
-    IndividualPoints,
     LineChart,
+    ReprojectionPoints,
     bin_points,
     preintegrate_frames,
     ruled_surface_factor,
@@ -54,15 +54,12 @@ def test_compressed_error_equals_the_sum_over_points(form: str, count: int) -> N
     """1e-9 relative, against the paper's distance from two projected points of the ruling."""
     for seed in range(5):
         case = random_case(seed, frames=3, points=count)
-        factor = case.factor(form, CompressedPoints, sigma=0.01)
+        factor = case.factor(form, GeometricPoints, sigma=0.01)
         gravity = {
-            "knot": np.array(STANDARD_GRAVITY),
-            "knot_time_offset": np.array(STANDARD_GRAVITY),
             "knot_gravity_direction": 9.81 * case.values.atUnit3(G(0)).unitVector(),
             "knot_gravity_vector": case.values.atVector(G(1)),
-            "pose": np.zeros(3),
-        }[form]
-        motion = FrameMotion.at_rest() if form == "pose" else case.motion
+        }.get(form, np.array(STANDARD_GRAVITY))
+        motion = FrameMotion.at_rest() if form.startswith("pose") else case.motion
         pose = case.values.atPose3(X(0))
         poses = motion.predict(
             pose.rotation().matrix(),
@@ -104,7 +101,9 @@ def test_reprojection_residual_is_the_papers_with_the_alpha_that_minimises_its_o
         foot = start + alpha * direction
         if foot[2] < 0.1:
             continue
-        residual = pose_error(IndividualPoints, line_through(start, start + direction), point[None])
+        residual = pose_error(
+            ReprojectionPoints, line_through(start, start + direction), point[None]
+        )
         # Brent's minimiser finds alpha to the square root of the precision.
         np.testing.assert_allclose(residual, point - foot[:2] / foot[2], atol=1e-6)
 
@@ -122,12 +121,12 @@ def test_both_residuals_vanish_on_the_ruling_and_measure_the_distance_beside_it(
 def test_points_behind_the_camera_have_a_constant_reprojection_error() -> None:
     behind = line_through([-1.0, 0.4, -2.0], [1.0, 0.4, -2.0])
     points = np.array([[0.1, -0.2], [0.2, -0.2]])
-    np.testing.assert_array_equal(pose_error(IndividualPoints, behind, points), 2.0)
+    np.testing.assert_array_equal(pose_error(ReprojectionPoints, behind, points), 2.0)
     # The geometric residual is about the infinite line's image, wherever the line is.
-    np.testing.assert_allclose(pose_error(CompressedPoints, behind, points), 0.0, atol=1e-15)
+    np.testing.assert_allclose(pose_error(GeometricPoints, behind, points), 0.0, atol=1e-15)
 
     factor = ruled_surface_pose_factor(
-        noiseModel.Unit.Create(4), X(0), L(0), behind, IndividualPoints.from_frames([points])
+        noiseModel.Unit.Create(4), X(0), L(0), behind, ReprojectionPoints.from_frames([points])
     )
     values = gtsam.Values()
     values.insert(X(0), gtsam.Pose3())
@@ -138,8 +137,8 @@ def test_points_behind_the_camera_have_a_constant_reprojection_error() -> None:
 def test_a_line_carried_beyond_infinity_is_behind_for_the_reprojection_error() -> None:
     far = LineChart.from_ruling(gtsam.Pose3(), [0.0, 1.0, -0.2], 0.01)
     points = np.array([[0.1, 0.2]])
-    np.testing.assert_allclose(pose_error(IndividualPoints, far, points), 0.0, atol=1e-15)
-    beyond = pose_error(IndividualPoints, far, points, [-0.02, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(pose_error(ReprojectionPoints, far, points), 0.0, atol=1e-15)
+    beyond = pose_error(ReprojectionPoints, far, points, [-0.02, 0.0, 0.0, 0.0])
     np.testing.assert_array_equal(beyond, 2.0)
 
 
@@ -149,7 +148,7 @@ def test_line_without_a_ruling_carries_no_information() -> None:
     through_centre = line_through([0.0, 0.0, 0.0], [0.0, 0.0, 1.0], anchor)
     focal_plane = line_through([0.0, 1.0, 0.0], [1.0, 1.0, 0.0], anchor)
     for chart in (through_centre, focal_plane):
-        points = CompressedPoints.from_frames([np.array([[0.1, 0.2], [0.3, -0.2]])])
+        points = GeometricPoints.from_frames([np.array([[0.1, 0.2], [0.3, -0.2]])])
         factor = ruled_surface_pose_factor(noiseModel.Unit.Create(3), X(0), L(0), chart, points)
         values = gtsam.Values()
         values.insert(X(0), gtsam.Pose3())
@@ -162,7 +161,7 @@ def test_ruling_seen_end_on_in_the_point_has_zero_reprojection_error() -> None:
     point = np.array([0.25, -0.5])
     ray = np.append(point, 1.0)
     chart = line_through([1.0, 0.0, 2.0], np.array([1.0, 0.0, 2.0]) + ray)
-    residual = pose_error(IndividualPoints, chart, point[None])
+    residual = pose_error(ReprojectionPoints, chart, point[None])
     np.testing.assert_allclose(residual, 0.0, atol=1e-12)
 
 
@@ -203,7 +202,7 @@ def test_gravity_variables_mean_what_gtsams_imu_factors_mean() -> None:
         world_T_cam = turn * truth.pose(time) * body_T_cam
         seen = np.array([world_T_cam.transformTo(e) for e in ends])
         frames.append(seen[:, :2] / seen[:, 2:])
-    points = CompressedPoints.from_frames(frames)
+    points = GeometricPoints.from_frames(frames)
     noise = noiseModel.Isotropic.Sigma(6, 1.0)
     rest = (frame_motion, chart, points, body_T_cam)
     values.insert(L(0), np.zeros(4))
@@ -254,7 +253,7 @@ def test_binned_points_stay_within_the_bound_of_the_unbinned_factor(bin_width: f
 
     def residual_norm(width: float, late: float = 0.0) -> float:
         bin_times, binned = bin_points(times, points, width)
-        observed = CompressedPoints.from_frames(binned)
+        observed = GeometricPoints.from_frames(binned)
         motion = preintegrate_frames(imu, 0.4, bin_times + late)
         noise = noiseModel.Unit.Create(observed.rows)
         factor = ruled_surface_factor(
@@ -291,7 +290,7 @@ def test_vectors_of_the_wrong_size_are_named() -> None:
 
 def test_robust_noise_models_weigh_the_factor() -> None:
     case = random_case(0)
-    points = CompressedPoints.from_frames(case.frames)
+    points = GeometricPoints.from_frames(case.frames)
     gaussian = noiseModel.Isotropic.Sigma(points.rows, 1e-3)
     huber = noiseModel.Robust.Create(noiseModel.mEstimator.Huber.Create(1.345), gaussian)
     arguments = (X(0), V(0), B(0), L(0), case.motion, case.chart, points, case.body_T_cam)
@@ -324,7 +323,7 @@ def test_factor_can_be_cloned_and_copied_but_gtsam_cannot_rekey_it() -> None:
 
 
 GOOD = random_case(0, frames=2)
-GOOD_POINTS = CompressedPoints.from_frames(GOOD.frames)
+GOOD_POINTS = GeometricPoints.from_frames(GOOD.frames)
 
 
 def build(**changes):
@@ -349,7 +348,7 @@ def build(**changes):
             r"noise_model has dimension 5, but this factor has 6 rows \(3 for each frame\)",
         ),
         (
-            {"points": IndividualPoints.from_frames(GOOD.frames)},
+            {"points": ReprojectionPoints.from_frames(GOOD.frames)},
             r"noise_model has dimension 6, but this factor has 24 rows \(2 a point\)",
         ),
         ({"noise_model": 0.5}, "noise_model must be a gtsam.noiseModel, not float"),
@@ -361,7 +360,7 @@ def build(**changes):
         ({"motion": None}, "motion must be a FrameMotion, not NoneType"),
         ({"motion": GOOD.motion.select([0])}, "points has 2 frames, but motion has 1"),
         ({"chart": np.zeros(4)}, "chart must be a LineChart, not ndarray"),
-        ({"points": GOOD.frames}, "points must be CompressedPoints or IndividualPoints"),
+        ({"points": GOOD.frames}, "points must be GeometricPoints or ReprojectionPoints"),
         ({"body_T_cam": np.eye(4)}, "body_T_cam must be a gtsam.Pose3, not ndarray"),
         (
             {"body_T_cam": gtsam.Pose3(np.diag([1.1, 1.0, 1.0, 1.0]))},
@@ -397,7 +396,7 @@ def test_a_motion_without_time_is_named() -> None:
             noiseModel.Isotropic.Sigma(6, 1.0),
             *(X(0), V(0), B(0), T(0), L(0)),
             *(GOOD.motion.at_rest().select([0]), GOOD.chart),
-            CompressedPoints.from_frames(GOOD.frames[:1]),
+            GeometricPoints.from_frames(GOOD.frames[:1]),
         )
 
 

@@ -66,7 +66,7 @@ def solve(
     window: Window,
     frames: slice = slice(None),
     bias_error: float = 0.0,
-    deviation: float = 1e-3,
+    sigma: float = 1e-3,
 ) -> WindowSolution:
     """`bias_error` (rad/s): of what is believed of the gyroscope, on each axis."""
     used = np.arange(len(window.times))[frames]
@@ -78,7 +78,7 @@ def solve(
         window.imu.samples, window.times[used[0]], window.times[used], bias
     )
     tracks = [LineTrack(range(len(used)), [edges[i] for i in used]) for edges in window.edges]
-    return solve_first_window(motion, tracks, BODY_T_CAM, deviation)
+    return solve_first_window(motion, tracks, BODY_T_CAM, sigma)
 
 
 def errors(window: Window, solution: WindowSolution, segments=SEGMENTS) -> tuple[float, ...]:
@@ -212,7 +212,7 @@ def test_wrong_association_is_refused() -> None:
 def test_error_shrinks_with_the_noise() -> None:
     quiet = simulate_window(np.random.default_rng(3), noise=None, pixel_noise=0.05)
     loud = simulate_window(np.random.default_rng(3), noise=None, pixel_noise=1.0)
-    worst = [errors(w, solve(w, deviation=1.0 / FOCAL_LENGTH))[2] for w in (quiet, loud)]
+    worst = [errors(w, solve(w, sigma=1.0 / FOCAL_LENGTH))[2] for w in (quiet, loud)]
     assert worst[0] < 0.2 * worst[1]
 
 

@@ -16,7 +16,7 @@ from gtsam.symbol_shorthand import L, X
 
 from numerics import factor_jacobians, numerical_jacobian, relative_error
 from random_factors import FORMS, POINTS, Case, random_case
-from ruledgraph_factors import CompressedPoints, IndividualPoints, LineChart
+from ruledgraph_factors import GeometricPoints, LineChart, ReprojectionPoints
 
 BOUND = 1e-6
 
@@ -76,7 +76,7 @@ def test_very_near_and_very_far_lines(form: str, kind, distance: float) -> None:
 @pytest.mark.parametrize("kind", POINTS)
 def test_line_at_infinity(kind) -> None:
     """Individual points a kilometre this side of it, since beyond they lose sight of the line."""
-    individual = kind is IndividualPoints
+    individual = kind is ReprojectionPoints
 
     def cases() -> Iterator[Case]:
         for seed in range(80):
@@ -109,7 +109,7 @@ def test_ruling_almost_through_the_camera(slope: float) -> None:
             case.values.update(L(0), np.zeros(4))
             yield case
 
-    check_all(cases(), "pose", CompressedPoints, (1e-2 * slope, 1e-3 * slope), least=50)
+    check_all(cases(), "pose", GeometricPoints, (1e-2 * slope, 1e-3 * slope), least=50)
 
 
 @pytest.mark.parametrize("angle", [1e-1, 1e-2, 1e-3])
@@ -133,7 +133,7 @@ def test_ruling_seen_almost_end_on(angle: float) -> None:
             yield case
 
     steps = (1e-3 * angle, 1e-4 * angle, 1e-5 * angle)
-    check_all(cases(), "pose", IndividualPoints, steps, least=40)
+    check_all(cases(), "pose", ReprojectionPoints, steps, least=40)
 
 
 @pytest.mark.parametrize("kind", POINTS)

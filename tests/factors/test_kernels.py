@@ -13,12 +13,12 @@ from gtsam.symbol_shorthand import L, V, X
 from numerics import factor_jacobians, relative_error
 from random_factors import FORMS, POINTS, random_case
 from ruledgraph_factors import (
-    CompressedPoints,
     FactorError,
     FrameMotion,
+    GeometricPoints,
     ImuSamples,
-    IndividualPoints,
     LineChart,
+    ReprojectionPoints,
     RuledSurfaceFactor,
     active_kernel,
     kernel,
@@ -211,7 +211,7 @@ def test_rulings_almost_through_the_camera_agree_to_their_conditioning(
         rng = np.random.default_rng(seed)
         beside = slope * rng.normal(size=3)
         chart = line(beside, beside + rng.normal(size=3))
-        factors = by_both(lambda c=chart: pose_factor(CompressedPoints, c, points))
+        factors = by_both(lambda c=chart: pose_factor(GeometricPoints, c, points))
         assert_same(factors, values, 1e-13 / slope)
 
 
@@ -276,7 +276,7 @@ def test_without_the_native_kernel_numpy_runs(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.delenv("RULEDGRAPH_KERNEL", raising=False)
     assert active_kernel() == "numpy"
     case = random_case(0)
-    assert np.isfinite(case.factor("knot", IndividualPoints).error(case.values))
+    assert np.isfinite(case.factor("knot", ReprojectionPoints).error(case.values))
     monkeypatch.setenv("RULEDGRAPH_KERNEL", "native")
     with pytest.raises(FactorError, match="RULEDGRAPH_KERNEL is native, but that kernel was not"):
         active_kernel()
@@ -293,7 +293,7 @@ def test_compressed_points_agree(by_both: ByBoth) -> None:
         ]
         weights = [rng.uniform(0.1, 2.0, size=len(points)) for points in frames]
         native, numpy = by_both(
-            lambda f=frames, w=weights: CompressedPoints.from_frames(f, w, 15.0).statistics
+            lambda f=frames, w=weights: GeometricPoints.from_frames(f, w, 15.0).statistics
         )
         signs = np.where(np.einsum("nii->ni", native * numpy) < 0.0, -1.0, 1.0)
         np.testing.assert_allclose(native, signs[..., None] * numpy, rtol=BOUND, atol=BOUND)

@@ -239,3 +239,39 @@ def test_distance_on_the_line_itself_has_zero_derivative() -> None:
 def test_bad_input_names_the_argument(call, message: str) -> None:
     with pytest.raises(FactorError, match=message):
         call()
+
+
+def test_no_line_wraps_silently() -> None:
+    """Of 10,000 lines up to several turns away each is the only delta of its line, or is far."""
+    rng = np.random.default_rng(0)
+    chart, far = random_chart(rng), 0
+    for delta in rng.normal(size=(10_000, 4)) * rng.uniform(0.0, 4.0, size=(10_000, 1)):
+        smallest, _ = chart.wrapped(delta)
+        if LineChart.is_far(delta):
+            far += 1
+            assert np.linalg.norm(smallest) <= np.linalg.norm(delta) + 1e-9
+        else:
+            np.testing.assert_allclose(smallest, delta, atol=1e-7)
+    assert 2000 < far < 9000
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_wrapped_and_recentred_are_the_same_line(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    chart, delta = random_chart(rng), 3.0 * rng.normal(size=4)
+    plucker, by_delta = chart.plucker(delta)
+    wrapped, by_itself = chart.wrapped(delta)
+    smallest, _ = chart.plucker(wrapped)
+    # The sign of a line's Pluecker coordinates is free.
+    np.testing.assert_allclose(np.outer(smallest, smallest), np.outer(plucker, plucker), atol=1e-9)
+    np.testing.assert_allclose(wrapped, chart.local(*np.split(plucker, 2)), atol=1e-7)
+
+    numeric = derivative(lambda d: chart.wrapped(d)[0], delta, 1e-4)
+    assert relative_error(by_itself, numeric) < 1e-7
+
+    recentred, jacobian = chart.recentred(delta)
+    assert abs(recentred.angle) <= 0.5 * np.pi
+    there, by_new = recentred.plucker(np.zeros(4))
+    sign = np.sign(there @ plucker)
+    np.testing.assert_allclose(sign * there, plucker, atol=1e-9)
+    np.testing.assert_allclose(sign * by_new @ jacobian, by_delta, atol=1e-9)

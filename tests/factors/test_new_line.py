@@ -8,6 +8,7 @@ import pytest
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import L, X
 
+from numerics import factor_jacobians, numerical_jacobian, relative_error
 from random_factors import random_case
 from ruledgraph_factors import NEW_LINE_SIGMAS, FactorError, LineChart, new_line_factor
 from ruledgraph_factors.new_line import moved_with
@@ -70,6 +71,26 @@ def test_it_says_nothing_of_where_pose_and_line_are_together() -> None:
         alone.append(2.0 * factor.error(at(POSE, carried(CHART, by))))
     # Of the line without the pose it says what a prior on the chart says.
     assert 1e-7 < max(alone) < 1e-4
+
+
+def test_a_line_that_has_wrapped_costs_what_its_smallest_delta_costs() -> None:
+    factor = new_line_factor(UNIT, X(0), L(0), CHART, POSE)
+    delta = np.array([0.2, -0.4, 0.1, 0.3])
+    turn = delta[1:] * (1.0 - 2.0 * np.pi / np.linalg.norm(delta[1:]))
+    cost = factor.error(at(POSE, delta))
+    for same in (np.append(delta[0] + 4.0 * np.pi, delta[1:]), np.append(delta[0], turn)):
+        assert factor.error(at(POSE, same)) == pytest.approx(cost, rel=1e-9)
+    values = at(POSE, np.append(delta[0] + np.pi, turn))
+    ours = factor_jacobians(factor, values)[L(0)]
+    numeric = numerical_jacobian(factor, values, L(0), 1e-6)
+    assert relative_error(ours, numeric) < 1e-6
+
+
+def test_it_takes_robust_noise() -> None:
+    huber = noiseModel.Robust.Create(noiseModel.mEstimator.Huber.Create(1.0), UNIT)
+    factor = new_line_factor(huber, X(0), L(0), CHART, POSE)
+    # Beyond 1 Huber's loss grows as its argument less a half.
+    assert factor.error(at(POSE, np.array([0.0, 1.4, 0.0, 0.0]))) == pytest.approx(0.9)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from ruledgraph_factors import CompressedPoints, FactorError, IndividualPoints, bin_points
+from ruledgraph_factors import FactorError, GeometricPoints, ReprojectionPoints, bin_points
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 100, 2000])
@@ -13,7 +13,7 @@ def test_statistics_equal_the_weighted_sum_over_points(count: int) -> None:
     rng = np.random.default_rng(count)
     points, weights = rng.normal(size=(count, 2)) * 0.4, rng.uniform(0.1, 2.0, size=count)
     line = rng.normal(size=3)
-    compressed = CompressedPoints.from_frames([points], [weights])
+    compressed = GeometricPoints.from_frames([points], [weights])
     distances = np.column_stack([points, np.ones(count)]) @ line
     expected = np.sum(weights * distances**2)
     assert np.sum((compressed.statistics[0] @ line) ** 2) == pytest.approx(expected, rel=1e-12)
@@ -24,7 +24,7 @@ def test_mean_distance_is_the_weighted_mean_over_all_frames() -> None:
     rng = np.random.default_rng(3)
     points = [rng.normal(size=(count, 2)) * 0.4 for count in (1, 2, 15)]
     weights = [rng.uniform(0.1, 2.0, size=len(own)) for own in points]
-    compressed = CompressedPoints.from_frames(points, weights)
+    compressed = GeometricPoints.from_frames(points, weights)
     lines = rng.normal(size=(3, 3))
     residual = np.concatenate([C @ m for C, m in zip(compressed.statistics, lines, strict=True)])
     distances = np.concatenate([own @ m[:2] + m[2] for own, m in zip(points, lines, strict=True)])
@@ -35,21 +35,21 @@ def test_mean_distance_is_the_weighted_mean_over_all_frames() -> None:
 def test_effective_points_cap_a_frame_and_leave_lighter_ones() -> None:
     rng = np.random.default_rng(0)
     frames = [rng.normal(size=(200, 2)), rng.normal(size=(5, 2))]
-    free = CompressedPoints.from_frames(frames).statistics
-    capped = CompressedPoints.from_frames(frames, effective_points=20.0).statistics
+    free = GeometricPoints.from_frames(frames).statistics
+    capped = GeometricPoints.from_frames(frames, effective_points=20.0).statistics
     np.testing.assert_allclose(capped[0], free[0] * np.sqrt(20.0 / 200.0))
     np.testing.assert_array_equal(capped[1], free[1])
-    individual = IndividualPoints.from_frames(frames, effective_points=20.0)
+    individual = ReprojectionPoints.from_frames(frames, effective_points=20.0)
     np.testing.assert_allclose(individual.sqrt_weights[:200] ** 2, 0.1)
 
 
 def test_rows_and_frames() -> None:
     frames = [np.zeros((4, 2)), np.ones((2, 2))]
     assert (
-        CompressedPoints.from_frames(frames).frames,
-        CompressedPoints.from_frames(frames).rows,
+        GeometricPoints.from_frames(frames).frames,
+        GeometricPoints.from_frames(frames).rows,
     ) == (2, 6)
-    individual = IndividualPoints.from_frames(frames)
+    individual = ReprojectionPoints.from_frames(frames)
     assert (individual.frames, individual.rows) == (2, 12)
     np.testing.assert_array_equal(individual.frame, [0, 0, 0, 0, 1, 1])
 
@@ -90,10 +90,10 @@ ONE = [np.zeros((1, 2))]
 )
 def test_individual_points_check_their_fields(weights: list, frame: list, message: str) -> None:
     with pytest.raises(FactorError, match=message):
-        IndividualPoints(np.zeros((2, 2)), weights, frame)
+        ReprojectionPoints(np.zeros((2, 2)), weights, frame)
 
 
-@pytest.mark.parametrize("kind", [CompressedPoints, IndividualPoints])
+@pytest.mark.parametrize("kind", [GeometricPoints, ReprojectionPoints])
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

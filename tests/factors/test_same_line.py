@@ -33,7 +33,8 @@ def test_the_same_line_has_no_error_to_first_order(seed):
     chart, delta, anchor = random_line(rng)
     sigma = 0.01
     noise = noiseModel.Isotropic.Sigma(4, sigma)
-    factor, new_chart = same_line_factor(noise, L(0), L(1), chart, delta, anchor)
+    new_chart, _ = chart.reanchor(delta, anchor)
+    factor = same_line_factor(noise, L(0), L(1), chart, delta, new_chart)
     plucker, _ = chart.plucker(delta)
     np.testing.assert_allclose(new_chart.local(plucker[:3], plucker[3:]), 0.0, atol=1e-9)
     assert factor.error(values_of(delta, np.zeros(4))) == 0.0
@@ -52,8 +53,8 @@ def test_it_is_linear_about_the_estimate_wherever_it_is_linearised():
     rng = np.random.default_rng(1)
     chart, delta, anchor = random_line(rng)
     noise = noiseModel.Diagonal.Sigmas(np.array([0.1, 0.2, 0.3, 0.4]))
-    factor, _ = same_line_factor(noise, L(0), L(1), chart, delta, anchor)
-    _, by_delta = chart.reanchor(delta, anchor)
+    new_chart, by_delta = chart.reanchor(delta, anchor)
+    factor = same_line_factor(noise, L(0), L(1), chart, delta, new_chart)
     for old in (delta, np.zeros(4), rng.normal(size=4)):
         new = rng.normal(size=4)
         A, b = factor.linearize(values_of(old, new)).jacobian()
@@ -70,23 +71,44 @@ def test_the_covariance_travels_as_by_reanchor():
     # Linearised elsewhere, as by a smoother that has stopped to linearise the old variable anew.
     graph.addPriorVector(L(0), delta, noiseModel.Gaussian.Covariance(covariance))
     noise = noiseModel.Isotropic.Sigma(4, 1e-4)
-    graph.add(same_line_factor(noise, L(0), L(1), chart, delta, anchor)[0])
+    new_chart, jacobian = chart.reanchor(delta, anchor)
+    graph.add(same_line_factor(noise, L(0), L(1), chart, delta, new_chart))
     marginals = gtsam.Marginals(graph, values_of(np.zeros(4), np.zeros(4)))
-    _, jacobian = chart.reanchor(delta, anchor)
     np.testing.assert_allclose(
         marginals.marginalCovariance(L(1)), jacobian @ covariance @ jacobian.T, atol=1e-7
     )
 
 
+@pytest.mark.parametrize("seed", range(10))
+def test_a_recentred_chart_and_one_of_other_signs_do_as_well(seed):
+    rng = np.random.default_rng(seed)
+    chart, delta, anchor = random_line(rng)
+    noise = noiseModel.Isotropic.Sigma(4, 1.0)
+    plucker, _ = chart.plucker(delta)
+    for new_chart in (
+        chart.recentred(delta)[0],
+        LineChart.from_plucker(anchor, -plucker[:3], -plucker[3:]),
+    ):
+        factor = same_line_factor(noise, L(0), L(1), chart, delta, new_chart)
+        old = delta + rng.normal(scale=1e-4, size=4)
+        near, _ = chart.plucker(old)
+        new = new_chart.local(near[:3], near[3:])
+        residual = factor.unwhitenedError(values_of(old, new))
+        np.testing.assert_allclose(residual, 0.0, atol=1e3 * 1e-8)
+
+
 def test_wrong_arguments_are_named():
-    chart, delta, anchor = random_line(np.random.default_rng(0))
+    rng = np.random.default_rng(0)
+    chart, delta, anchor = random_line(rng)
+    new_chart, _ = chart.reanchor(delta, anchor)
     noise = noiseModel.Isotropic.Sigma(4, 1.0)
     with pytest.raises(FactorError, match="dimension 3, but this factor has 4 rows"):
-        same_line_factor(noiseModel.Isotropic.Sigma(3, 1.0), L(0), L(1), chart, delta, anchor)
+        same_line_factor(noiseModel.Isotropic.Sigma(3, 1.0), L(0), L(1), chart, delta, new_chart)
     with pytest.raises(FactorError, match="delta"):
-        same_line_factor(noise, L(0), L(1), chart, delta[:3], anchor)
-    with pytest.raises(FactorError, match="world_T_anchor"):
-        same_line_factor(noise, L(0), L(1), chart, delta, None)
-    on_it, _ = chart.closest_point(delta)
-    with pytest.raises(FactorError, match="runs through the new anchor's centre"):
-        same_line_factor(noise, L(0), L(1), chart, delta, gtsam.Pose3(gtsam.Rot3(), on_it))
+        same_line_factor(noise, L(0), L(1), chart, delta[:3], new_chart)
+    with pytest.raises(FactorError, match="new_chart must be a LineChart"):
+        same_line_factor(noise, L(0), L(1), chart, delta, anchor)
+    with pytest.raises(FactorError, match="not the line at delta of chart"):
+        same_line_factor(noise, L(0), L(1), chart, delta + 0.1, new_chart)
+    with pytest.raises(FactorError, match="new_line_key is the same key as line_key"):
+        same_line_factor(noise, L(0), L(0), chart, delta, new_chart)

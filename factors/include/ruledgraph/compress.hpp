@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 //
 // The points of a frame as sufficient statistics; needs Eigen alone. The native version of
-// `CompressedPoints` in Python, which says what is computed.
+// `GeometricPoints` in Python, which says what is computed.
 #pragma once
 
 #include <Eigen/Core>

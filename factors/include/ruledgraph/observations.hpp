@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 //
 // Edge points of one line, made ready for a factor; needs Eigen alone. The C++ version of
-// `CompressedPoints.from_frames` and `IndividualPoints.from_frames` in
+// `GeometricPoints.from_frames` and `ReprojectionPoints.from_frames` in
 // `ruledgraph_factors/observations.py`.
 #pragma once
 
@@ -38,9 +38,9 @@ inline double capped_sqrt_weight(const PointRows& points, double effective_point
 /// The points of each frame, normalised image coordinates (N_i, 2), N_i >= 1, as triangular
 /// statistics. `effective_points` is the most that a frame may say, in points: neighbouring edge
 /// pixels are not independent. Throws std::invalid_argument for a frame without points.
-inline CompressedPoints compress_points(const std::vector<PointRows>& frames,
+inline GeometricPoints compress_points(const std::vector<PointRows>& frames,
                                         double effective_points = kNoCap) {
-  CompressedPoints compressed;
+  GeometricPoints compressed;
   for (const PointRows& points : frames) {
     const double root = detail::capped_sqrt_weight(points, effective_points);
     compressed.statistics.push_back(
@@ -50,11 +50,11 @@ inline CompressedPoints compress_points(const std::vector<PointRows>& frames,
 }
 
 /// The same points one by one, for the reprojection residual.
-inline IndividualPoints individual_points(const std::vector<PointRows>& frames,
+inline ReprojectionPoints individual_points(const std::vector<PointRows>& frames,
                                           double effective_points = kNoCap) {
   Eigen::Index count = 0;
   for (const PointRows& points : frames) count += points.rows();
-  IndividualPoints individual{Eigen::Matrix2Xd(2, count), Eigen::VectorXd(count), {}};
+  ReprojectionPoints individual{Eigen::Matrix2Xd(2, count), Eigen::VectorXd(count), {}};
   Eigen::Index first = 0;
   for (const PointRows& points : frames) {
     const double root = detail::capped_sqrt_weight(points, effective_points);

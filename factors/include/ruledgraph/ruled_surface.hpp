@@ -182,14 +182,14 @@ class Geometry {
 };
 
 /// The points of each frame as triangular statistics C: three rows a frame, C m / |m_xy|.
-struct CompressedPoints {
+struct GeometricPoints {
   std::vector<Matrix3> statistics;
 
   Eigen::Index rows() const { return 3 * static_cast<Eigen::Index>(statistics.size()); }
 };
 
 /// The points of all frames one by one: two rows a point, the paper's reprojection error.
-struct IndividualPoints {
+struct ReprojectionPoints {
   Eigen::Matrix2Xd points;           ///< frame after frame
   Eigen::VectorXd sqrt_weights;      ///< one a point
   std::vector<Eigen::Index> counts;  ///< of the points in each frame
@@ -202,7 +202,7 @@ using MatrixOut = Eigen::Ref<Eigen::MatrixXd>;
 
 /// Unwhitened geometric residual (rows) and, unless null, its Jacobian (rows x columns()).
 /// A frame without a finite ruling has zero rows.
-inline void evaluate(const Geometry& geometry, const CompressedPoints& points, const State& state,
+inline void evaluate(const Geometry& geometry, const GeometricPoints& points, const State& state,
                      VectorOut residual, MatrixOut* jacobian) {
   const WorldLine world = geometry.line_in_world(state);
   for (std::size_t i = 0; i < geometry.frames(); ++i) {
@@ -263,7 +263,7 @@ inline PointResidual reprojection(const Eigen::Vector2d& p, const Vector3& close
 }
 
 /// Unwhitened reprojection residual (rows) and, unless null, its Jacobian (rows x columns()).
-inline void evaluate(const Geometry& geometry, const IndividualPoints& points, const State& state,
+inline void evaluate(const Geometry& geometry, const ReprojectionPoints& points, const State& state,
                      VectorOut residual, MatrixOut* jacobian) {
   const WorldLine world = geometry.line_in_world(state);
   const double side = world.sine >= 0.0 ? 1.0 : -1.0;

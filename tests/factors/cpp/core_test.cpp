@@ -93,16 +93,16 @@ void check_jacobian(const Geometry& geometry, const Points& points, const State&
   assert(relative_error(analytic, numeric) < 1e-7);
 }
 
-CompressedPoints random_statistics() {
-  CompressedPoints points;
+GeometricPoints random_statistics() {
+  GeometricPoints points;
   for (int i = 0; i < kFrames; ++i) {
     points.statistics.push_back(Matrix3::Random().triangularView<Eigen::Upper>());
   }
   return points;
 }
 
-IndividualPoints random_points() {
-  IndividualPoints points{
+ReprojectionPoints random_points() {
+  ReprojectionPoints points{
       0.5 * Eigen::Matrix2Xd::Random(2, 10), VectorXd::Random(10).cwiseAbs(), {1, 2, 3, 4}};
   return points;
 }
@@ -135,8 +135,8 @@ State at_rest() {
 }
 
 void degenerate_geometry_is_defined() {
-  const CompressedPoints statistics{{Matrix3::Identity()}};
-  const IndividualPoints point{Eigen::Vector2d(0.1, -0.2), VectorXd::Ones(1), {1}};
+  const GeometricPoints statistics{{Matrix3::Identity()}};
+  const ReprojectionPoints point{Eigen::Vector2d(0.1, -0.2), VectorXd::Ones(1), {1}};
   VectorXd residual(3);
   MatrixXd jacobian(3, kColumns);
 
@@ -287,7 +287,7 @@ void write_points() {
   const std::vector<PointRows> frames = read_frames();
   const double cap = read_number();
   for (const Matrix3& C : compress_points(frames, cap).statistics) write(C.transpose() * C);
-  const IndividualPoints individual = individual_points(frames, cap);
+  const ReprojectionPoints individual = individual_points(frames, cap);
   write(individual.points.transpose());
   write(individual.sqrt_weights);
   for (const Eigen::Index count : individual.counts) write(static_cast<double>(count));

@@ -16,12 +16,10 @@ from ruledgraph.backend.line_factors import new_line_factors
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.start import Start
 from ruledgraph.backend.states import Interval
-from ruledgraph.backend.triangulation import triangulate
 from ruledgraph.core.config import Config
 from ruledgraph.core.settings import load_config
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph_factors import CompressedPoints, preintegrate_frames
-from simulated_window import BODY_T_CAM, FOCAL_LENGTH, SplineMotion, hand_held
+from simulated_window import SplineMotion, hand_held
 
 
 def known_start(made: IdealTracks) -> Start:
@@ -234,34 +232,6 @@ def test_a_window_is_rebuilt_in_the_middle_of_a_rest(monkeypatch):
     window = rested(14)
     assert len(window.recoveries) == 1
     assert window.is_plausible()
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_triangulation_finds_lines_at_any_distance(seed):
-    rng = np.random.default_rng(seed)
-    made = ideal_tracks(seed, hand_held(rng), duration=0.7)
-    motion = preintegrate_frames(made.imu.between(0.0, 0.7), 0.0, made.times[1:])
-    state = gtsam.NavState(made.motion.pose(0.0), made.motion.velocity(0.0))
-    poses = motion.poses(state, gtsam.imuBias.ConstantBias())
-    cameras = [pose * BODY_T_CAM for pose in poses]
-    for track in made.tracks:
-        points = [seen.points for seen in track.sightings][1:]
-        compressed = CompressedPoints.from_frames(points)
-        fit = triangulate(cameras, compressed, points[0], 0.5 / FOCAL_LENGTH)
-        assert fit is not None
-        assert fit.misfit * FOCAL_LENGTH == pytest.approx(0.5, abs=0.08)
-        true = MANY[track.id - 1]
-        inverse = 1.0 / np.linalg.norm(_foot(true, cameras[0]))
-        # The motion comes from a noisy IMU: 1 or 2 mm after 0.7 s.
-        assert abs(fit.inverse - inverse) < 4.0 * fit.inverse_sigma + 0.005
-        at_zero, _ = fit.chart.inverse_distance(np.zeros(4))
-        assert at_zero == pytest.approx(fit.inverse)
-
-
-def _foot(ends: np.ndarray, anchor: gtsam.Pose3) -> np.ndarray:
-    direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-    offset = ends[0] - anchor.translation()
-    return offset - (offset @ direction) * direction
 
 
 def test_lines_that_moved_from_their_linearisation_get_new_variables():

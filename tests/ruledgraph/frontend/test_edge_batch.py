@@ -10,7 +10,7 @@ from ruledgraph.frontend import kernel
 from ruledgraph.frontend.edge_batch import Edges, Rulings, clipped, moved_ends, search_all, stacked
 from ruledgraph.frontend.edge_search import search
 from ruledgraph.frontend.gradient import Gradient
-from ruledgraph_factors import CompressedPoints
+from ruledgraph_factors import GeometricPoints
 
 ENDS = np.array(
     [[[-0.3, -0.2], [0.3, -0.15]], [[-0.3, 0.25], [0.3, 0.3]], [[-0.2, 0.0], [0.2, 0.1]]]
@@ -40,7 +40,7 @@ def test_every_line_has_its_own_row(both):
         assert edges.support[i] == one_by_one[i].support
         assert edges.deviation[i] == one_by_one[i].deviation
         assert edges.slopes[i] == one_by_one[i].slope
-        C = CompressedPoints.from_frames([points[i]]).statistics[0]
+        C = GeometricPoints.from_frames([points[i]]).statistics[0]
         np.testing.assert_allclose(edges.statistics[i].T @ edges.statistics[i], C.T @ C, atol=1e-12)
         np.testing.assert_array_equal(edges.ends[i], moved_ends(rulings.ends[i], points[i]))
 

@@ -9,7 +9,7 @@ from ruledgraph.core.config import EdgesConfig, TracksConfig
 from ruledgraph.frontend.edge_batch import Rulings
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.tracks import Tracker
-from ruledgraph_factors import CompressedPoints
+from ruledgraph_factors import GeometricPoints
 
 LEVEL, STEEP = np.array([[-0.3, -0.2], [0.3, -0.15]]), np.array([[-0.2, -0.05], [0.0, 0.3]])
 
@@ -99,7 +99,7 @@ def test_a_frame_counts_for_no_more_than_was_configured():
     first, second = tracker.tracks[0].sightings
     for sighting in (first, second):
         assert len(sighting.points) > 12
-        C = CompressedPoints.from_frames([sighting.points], effective_points=12.0).statistics[0]
+        C = GeometricPoints.from_frames([sighting.points], effective_points=12.0).statistics[0]
         mine = sighting.statistics
         np.testing.assert_allclose(mine.T @ mine, C.T @ C, atol=1e-12)
 

@@ -26,7 +26,7 @@ namespace ruledgraph {
 
 /// A line's edge points; their type chooses the residual: the geometric one, three rows a frame, or
 /// the reprojection error, two rows a point.
-using Points = std::variant<CompressedPoints, IndividualPoints>;
+using Points = std::variant<GeometricPoints, ReprojectionPoints>;
 
 /// Gravity in a world whose z is up, m/s^2.
 constexpr double kStandardGravity = 9.81;
@@ -49,10 +49,10 @@ class RuledSurface {
 
   /// Frames that the points are from.
   std::size_t frames_of_points() const {
-    if (const auto* compressed = std::get_if<CompressedPoints>(&points_)) {
+    if (const auto* compressed = std::get_if<GeometricPoints>(&points_)) {
       return compressed->statistics.size();
     }
-    return std::get<IndividualPoints>(points_).counts.size();
+    return std::get<ReprojectionPoints>(points_).counts.size();
   }
 
   /// Unwhitened residual and, unless null, its Jacobian; the columns are those of `Geometry`.
@@ -83,13 +83,13 @@ class RuledSurface {
     const auto close = [&](const auto& a, const auto& b) {
       return (a - b).cwiseAbs().maxCoeff() <= tolerance;
     };
-    if (const auto* mine = std::get_if<CompressedPoints>(&points_)) {
-      const auto& theirs = std::get<CompressedPoints>(other.points_).statistics;
+    if (const auto* mine = std::get_if<GeometricPoints>(&points_)) {
+      const auto& theirs = std::get<GeometricPoints>(other.points_).statistics;
       return std::equal(mine->statistics.begin(), mine->statistics.end(), theirs.begin(),
                         theirs.end(), close);
     }
-    const auto& mine = std::get<IndividualPoints>(points_);
-    const auto& theirs = std::get<IndividualPoints>(other.points_);
+    const auto& mine = std::get<ReprojectionPoints>(points_);
+    const auto& theirs = std::get<ReprojectionPoints>(other.points_);
     return close(mine.points, theirs.points) && close(mine.sqrt_weights, theirs.sqrt_weights) &&
            mine.counts == theirs.counts;
   }

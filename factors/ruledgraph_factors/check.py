@@ -1,0 +1,113 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Is what an optimiser returned the minimum it should be? Line by line."""
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from ruledgraph_factors.factor import state_at
+from ruledgraph_factors.factor_spec import spec_of
+from ruledgraph_factors.line import LineChart
+from ruledgraph_factors.noise import whitened_square
+from ruledgraph_factors.ruled_surface import Geometry
+from ruledgraph_factors.spec import RuledSurfaceSpec
+from ruledgraph_factors.validation import FloatArray
+
+# Quantile of the standard normal distribution: 99.9 %.
+_QUANTILE = 3.09
+
+
+@dataclass(frozen=True)
+class LineCheck:
+    """One line of a graph at an estimate, by all its factors."""
+
+    key: int
+    chi_squared: float
+    """Sum of the whitened squared distances of all its points, robust losses left out."""
+    points: float
+    """What its points weigh together: the expectation of `chi_squared` at the right minimum."""
+    limit: float
+    """The 99.9 % quantile of the chi-squared distribution of so many degrees of freedom."""
+    behind: float
+    """Share of its frames whose camera has the line behind it, at the middle of the points."""
+    far: bool
+    """Whether its delta is far from the chart's reference: `LineChart.is_far`."""
+
+    @property
+    def misfit(self) -> bool:
+        """Whether the points contradict the line: a wrong minimum, wrong points, or wrong noise."""
+        return self.chi_squared > self.limit
+
+    @property
+    def ok(self) -> bool:
+        """Nothing speaks against the line."""
+        return not (self.misfit or self.far or self.behind > 0.5)
+
+    def __str__(self) -> str:
+        """One line of text, with the reasons if it is not ok."""
+        reasons = [
+            text
+            for text, applies in (
+                ("its points contradict it", self.misfit),
+                ("behind the cameras", self.behind > 0.5),
+                ("far from its chart's reference", self.far),
+            )
+            if applies
+        ]
+        name = gtsam.DefaultKeyFormatter(self.key)
+        fit = f"{name}: chi-squared {self.chi_squared:.0f} of {self.points:.0f} points"
+        return f"{fit} (at most {self.limit:.0f}): {', '.join(reasons) or 'ok'}"
+
+
+def check_lines(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> list[LineCheck]:
+    """All lines of a graph at an estimate: which of them ended in a wrong minimum?
+
+    At the right minimum sum |r|^2 of a line, r the whitened residuals of its point-to-ruled-surface
+    factors, is about the number of its points. A line with a wrong distance or direction that the
+    optimiser could not leave shows there, behind its cameras, or far from its chart's reference.
+    Give such a line a new start (`triangulate_line` with the estimated poses) under a new key.
+
+    Args:
+        graph: may hold any factors; only our ruled-surface factors count.
+        values: an estimate of all its variables.
+
+    Returns:
+        One check for each line key, in order of the keys.
+    """
+    sums: dict[int, FloatArray] = {}  # of chi_squared, points, frames, frames behind
+    for index in range(graph.size()):
+        factor = graph.at(index) if graph.exists(index) else None
+        if not isinstance(factor, gtsam.CustomFactor):
+            continue
+        spec = spec_of(factor)
+        if not isinstance(spec, RuledSurfaceSpec):
+            continue
+        square = whitened_square(spec.noise_model, factor.unwhitenedError(values))
+        behind = _frames_behind(spec, values)
+        row = np.array([square, spec.points.weight, len(spec.motion), behind])
+        sums[spec.line_key] = sums.get(spec.line_key, np.zeros(4)) + row
+    return [_line_check(key, sums[key], values) for key in sorted(sums)]
+
+
+def _line_check(key: int, sums: FloatArray, values: gtsam.Values) -> LineCheck:
+    square, points, frames, behind = sums.tolist()
+    far = LineChart.is_far(values.atVector(key))
+    # Wilson and Hilferty's approximation of the quantile.
+    third = 2.0 / (9.0 * points)
+    limit = points * (1.0 - third + _QUANTILE * np.sqrt(third)) ** 3
+    return LineCheck(key, square, points, float(limit), behind / frames, far)
+
+
+def _frames_behind(spec: RuledSurfaceSpec, values: gtsam.Values) -> int:
+    """How many frames have the line behind their camera at the middle of the points."""
+    keys = list(spec.keys)
+    with_extrinsics = spec.form in ("knot_extrinsics", "pose_extrinsics")
+    body_T_cam = values.atPose3(keys[-2]) if with_extrinsics else spec.body_T_cam
+    geometry = Geometry(spec.chart, spec.motion, body_T_cam)
+    line = geometry.line_in_cameras(state_at(spec, keys, values), False)
+    rays = np.column_stack([spec.points.middles(), np.ones(len(spec.motion))])
+    # x = depth ray, x cross v = m: the depth has the sign of (ray cross v) . m
+    depths = line.sign * np.sum(np.cross(rays, line.direction) * line.moment, axis=1)
+    return int(np.sum(depths < 0.0))

@@ -1,0 +1,103 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The arithmetic of the factor that a spec describes, by the active kernel."""
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import gtsam
+import numpy as np
+
+from ruledgraph_factors.kernel import active_kernel, native
+from ruledgraph_factors.observations import GeometricPoints
+from ruledgraph_factors.ruled_surface import COLUMNS, COLUMNS_WITH_TIME, Geometry, Residual, State
+from ruledgraph_factors.so3 import exp_and_right_jacobian, hat
+from ruledgraph_factors.spec import RuledSurfaceSpec
+from ruledgraph_factors.validation import FloatArray
+
+Evaluate: TypeAlias = Callable[[State, bool], Residual]
+"""All the arithmetic of a factor: its residual at a state, with the Jacobian if asked for."""
+
+Write: TypeAlias = Callable[[State, FloatArray, FloatArray | None], None]
+"""The same into a residual (rows,) and, unless None, a Jacobian (rows, columns), Fortran order."""
+
+
+def evaluation(spec: RuledSurfaceSpec, write: Write | None = None) -> Evaluate:
+    """The residual and Jacobian of the factor, by `write` if that is at hand."""
+    write = writing(spec) if write is None else write
+
+    def evaluate(state: State, want_jacobian: bool) -> Residual:
+        value = np.empty(spec.points.rows)
+        jacobian = jacobian_room(spec) if want_jacobian else None
+        write(state, value, jacobian)
+        return Residual(value, jacobian)
+
+    return evaluate
+
+
+def jacobian_room(spec: RuledSurfaceSpec) -> FloatArray:
+    """Room for a Jacobian, without meaning."""
+    columns = COLUMNS if spec.motion.time_jacobian is None else COLUMNS_WITH_TIME
+    return np.empty((spec.points.rows, columns), order="F")
+
+
+def writing(spec: RuledSurfaceSpec, body_T_cam: gtsam.Pose3 | None = None) -> Write:
+    """The arithmetic, into arrays of the caller's; with other extrinsics than the spec's if any."""
+    body_T_cam = spec.body_T_cam if body_T_cam is None else body_T_cam
+    if active_kernel() == "native":
+        surface = native_surface(spec, body_T_cam)
+        return lambda state, value, jacobian: surface.evaluate(*state, value, jacobian)
+    geometry = Geometry(spec.chart, spec.motion, body_T_cam)
+
+    def write(state: State, value: FloatArray, jacobian: FloatArray | None) -> None:
+        line = geometry.line_in_cameras(state, jacobian is not None)
+        found = spec.points.residual(line)
+        value[:] = found.value
+        if jacobian is not None:
+            jacobian[:] = found.jacobian
+
+    return write
+
+
+def native_surface(
+    spec: RuledSurfaceSpec, body_T_cam: gtsam.Pose3
+) -> "native.GeometricSurface | native.ReprojectionSurface":
+    """The constants of the factor that `spec` describes, for the native kernel."""
+    chart, motion, points = spec.chart, spec.motion, spec.points
+    geometry = native.Geometry(
+        chart.world_T_anchor.matrix(),
+        chart.basis,
+        chart.angle,
+        body_T_cam.matrix(),
+        motion.elapsed,
+        motion.preintegrated,
+        motion.bias_jacobian,
+        motion.bias,
+        motion.time_jacobian,
+    )
+    if isinstance(points, GeometricPoints):
+        return native.GeometricSurface(geometry, points.statistics)
+    return native.ReprojectionSurface(geometry, points.points, points.sqrt_weights, points.frame)
+
+
+def by_extrinsics(
+    spec: RuledSurfaceSpec, bias: FloatArray, by_pose: FloatArray, body_T_cam: gtsam.Pose3
+) -> FloatArray:
+    """Jacobian (rows, 6) by body_T_cam, from that by the pose (rows, 6).
+
+    With D_j = (Exp(theta_j), dp_j) the preintegrated motion, E Exp(w) moves the camera of frame j
+    as X Exp(Ad(D_j E) w) does: a frame's rows are those of the pose times Ad(D_j E).
+    """
+    motion = spec.motion.corrected(bias)
+    start_R_frame, _ = exp_and_right_jacobian(motion[:, :3])
+    turn = start_R_frame @ body_T_cam.rotation().matrix()
+    shift = motion[:, 3:6] + start_R_frame @ body_T_cam.translation()
+    adjoint = np.zeros((len(turn), 6, 6))
+    adjoint[:, :3, :3] = adjoint[:, 3:, 3:] = turn
+    adjoint[:, 3:, :3] = hat(shift) @ turn
+    points = spec.points
+    if isinstance(points, GeometricPoints):
+        blocks = by_pose.reshape(len(turn), 3, 6) @ adjoint
+    else:
+        blocks = by_pose.reshape(len(points.frame), 2, 6) @ adjoint[points.frame]
+    return np.asfortranarray(blocks.reshape(-1, 6))

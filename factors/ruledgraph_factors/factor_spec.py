@@ -1,0 +1,235 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""What all factors of this package have in common: a spec of plain data, and the way back to it."""
+
+import json
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple, TypeVar
+
+import gtsam
+import numpy as np
+from gtsam import noiseModel
+
+from ruledgraph_factors.errors import FactorError
+from ruledgraph_factors.line import LineChart
+from ruledgraph_factors.noise import noise_to_dict
+from ruledgraph_factors.validation import FloatArray, finite_array, graph_key
+
+_Spec = TypeVar("_Spec", bound="FactorSpec")
+_Factor = TypeVar("_Factor", bound="SpecFactor")
+
+
+class SpecParts(NamedTuple):
+    """A spec as plain data."""
+
+    header: dict[str, Any]
+    """Of str, int and lists."""
+    arrays: dict[str, Any]
+    """Numpy arrays by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class FactorSpec(ABC):
+    """A factor as plain data: what it takes to store it, send it elsewhere, build it again.
+
+    GTSAM can neither clone, pickle nor serialise a Python `CustomFactor`; a spec can be all three,
+    and `build_factor` makes an equal factor of it.
+    """
+
+    FORMAT: ClassVar[str]
+    """Of `to_dict`: the name of the class and a version."""
+
+    keys: tuple[int, ...]
+    noise_model: noiseModel.Base
+
+    @property
+    @abstractmethod
+    def rows(self) -> int:
+        """Rows of the residual: the dimension of the noise model."""
+
+    @property
+    def rows_text(self) -> str:
+        """The same in words."""
+        return f"{self.rows} row{'s' if self.rows > 1 else ''}"
+
+    @abstractmethod
+    def _arrays(self) -> dict[str, Any]:
+        """All numbers, by name."""
+
+    @classmethod
+    @abstractmethod
+    def _from_parts(
+        cls: type[_Spec], header: Mapping[str, Any], arrays: Mapping[str, Any]
+    ) -> _Spec:
+        """The inverse of `_header` and `_arrays`."""
+
+    def _header(self) -> dict[str, Any]:
+        return {
+            "format": self.FORMAT,
+            "keys": list(self.keys),
+            "noise": noise_to_dict(self.noise_model),
+        }
+
+    def _check(self, names: tuple[str, ...]) -> None:
+        """Keys and noise model."""
+        keys = tuple(graph_key(name, key) for name, key in zip(names, self.keys, strict=True))
+        for i, key in enumerate(keys):
+            if key in keys[:i]:
+                raise FactorError(f"{names[i]} is the same key as {names[keys.index(key)]}")
+        object.__setattr__(self, "keys", keys)
+        if not isinstance(self.noise_model, noiseModel.Base):
+            raise FactorError(
+                f"noise_model must be a gtsam.noiseModel, not {type(self.noise_model).__name__}"
+            )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as str, int, float and lists: JSON keeps every bit of it.
+
+        Raises:
+            FactorError: when GTSAM cannot serialise the noise model (an m-estimator in Python).
+        """
+        header, arrays = self.to_parts()
+        lists = {name: np.asarray(array).tolist() for name, array in arrays.items()}
+        return {**header, "arrays": lists}
+
+    def to_parts(self) -> "SpecParts":
+        """The same in two parts, words and arrays."""
+        return SpecParts(self._header(), self._arrays())
+
+    @classmethod
+    def from_dict(cls: type[_Spec], data: Mapping[str, Any]) -> _Spec:
+        """The inverse of `to_dict`.
+
+        Raises:
+            FactorError: for data of another kind or with something missing.
+        """
+        if data.get("format") != cls.FORMAT:
+            raise FactorError(f"format must be {cls.FORMAT!r}, not {data.get('format')!r}")
+        try:
+            return cls._from_parts(data, data["arrays"])
+        except KeyError as error:
+            raise FactorError(f"{error.args[0]} is missing from the spec") from None
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write an NPZ file; `load` reads it."""
+        header, arrays = self.to_parts()
+        with Path(path).open("wb") as file:
+            np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
+
+    @classmethod
+    def load(cls: type[_Spec], path: str | os.PathLike[str]) -> _Spec:
+        """The inverse of `save`.
+
+        Raises:
+            FactorError: for a file of another kind.
+        """
+        with np.load(path, allow_pickle=False) as file:
+            if "header" not in file:
+                raise FactorError(f"{os.fspath(path)} holds no {cls.__name__}")
+            arrays = {name: file[name] for name in file.files if name != "header"}
+            return cls.from_dict({**json.loads(str(file["header"])), "arrays": arrays})
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self).from_dict, (self.to_dict(),)
+
+
+class ErrorFunction(ABC):
+    """The callback that GTSAM keeps of a factor.
+
+    It holds no reference to the factor: that would be a cycle through C++ which Python's collector
+    cannot see.
+    """
+
+    def __init__(self, spec: FactorSpec) -> None:
+        self.spec = spec
+
+    def __call__(
+        self, this: gtsam.CustomFactor, values: gtsam.Values, H: list[FloatArray] | None
+    ) -> FloatArray:
+        """As GTSAM calls it."""
+        try:
+            return self.error(this.keys(), values, H)
+        except Exception:
+            if values.empty():
+                raise _SpecAnswer(self.spec) from None
+            raise
+
+    @abstractmethod
+    def error(
+        self, keys: list[int], values: gtsam.Values, H: list[FloatArray] | None
+    ) -> FloatArray:
+        """The residual (rows,); fills H[i] (rows, tangent size of key i) unless it is None."""
+
+
+class _SpecAnswer(Exception):  # noqa: N818 - no error, the way back through GTSAM
+    """How a callback that is asked for nothing in particular hands out its spec."""
+
+    def __init__(self, spec: FactorSpec) -> None:
+        super().__init__("no values")
+        self.spec = spec
+
+
+class SpecFactor(gtsam.CustomFactor):
+    """A factor that a spec describes; Python can pickle, copy and clone it."""
+
+    spec: FactorSpec
+    """The plain data this factor was built from."""
+
+    def __init__(self, spec: FactorSpec, error: ErrorFunction) -> None:
+        super().__init__(spec.noise_model, list(spec.keys), error)
+        self.spec = spec
+        if self.dim() != spec.rows:
+            raise FactorError(
+                f"noise_model has dimension {self.dim()}, but this factor has {spec.rows_text}"
+            )
+
+    def clone(self: _Factor) -> _Factor:
+        """An equal factor, built anew."""
+        return type(self)(self.spec)  # type: ignore[call-arg]  # of every subclass
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.spec,)
+
+    def __copy__(self: _Factor) -> _Factor:
+        return self.clone()
+
+
+def spec_of(factor: gtsam.NonlinearFactor) -> FactorSpec | None:
+    """The spec of a factor of this package, also when GTSAM hands it back from a graph as a plain
+    `CustomFactor`, after Python has let go of it; None for any other factor.
+    """
+    if isinstance(factor, SpecFactor):
+        return factor.spec
+    if type(factor) is not gtsam.CustomFactor:
+        return None
+    try:
+        factor.unwhitenedError(gtsam.Values())
+    except _SpecAnswer as answer:
+        return answer.spec
+    except Exception:  # noqa: BLE001 - someone else's callback may raise anything
+        return None
+    return None
+
+
+def pose3(name: str, value: Any) -> gtsam.Pose3:
+    """A pose of a spec's (4, 4) array."""
+    return gtsam.Pose3(finite_array(name, value, (4, 4)))
+
+
+def chart_arrays(chart: LineChart, prefix: str = "") -> dict[str, Any]:
+    """A chart as arrays, named `prefix` and the attribute."""
+    return {
+        f"{prefix}world_T_anchor": chart.world_T_anchor.matrix(),
+        f"{prefix}basis": chart.basis,
+        f"{prefix}angle": np.float64(chart.angle),
+    }
+
+
+def chart_from(arrays: Mapping[str, Any], prefix: str = "") -> LineChart:
+    """The inverse of `chart_arrays`."""
+    anchor = pose3(f"{prefix}world_T_anchor", arrays[f"{prefix}world_T_anchor"])
+    return LineChart(anchor, arrays[f"{prefix}basis"], float(arrays[f"{prefix}angle"]))

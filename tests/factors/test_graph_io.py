@@ -1,0 +1,116 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Graphs of our factors and native ones, copied and stored."""
+
+import gc
+from pathlib import Path
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam import noiseModel
+from gtsam.symbol_shorthand import B, L, V, X
+
+from random_factors import FORMS, random_case
+from ruledgraph_factors import (
+    FactorError,
+    RuledSurfaceSpec,
+    build_factor,
+    clone_graph,
+    line_distance_factor,
+    load_graph,
+    new_line_factor,
+    same_line_factor,
+    save_graph,
+    spec_of,
+)
+
+HUBER = noiseModel.mEstimator.Huber.Create(1.345)
+
+
+def robust(rows: int) -> noiseModel.Robust:
+    return noiseModel.Robust.Create(HUBER, noiseModel.Isotropic.Sigma(rows, 0.1))
+
+
+def mixed_graph() -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    """Every factor of ours, some with robust noise, native ones, and an empty slot."""
+    case = random_case(7)
+    values, chart = gtsam.Values(case.values), case.chart
+    delta = values.atVector(L(0))
+    new_chart, _ = chart.recentred(delta)
+    values.insert(L(1), np.full(4, 0.01))
+    values.insert(X(1), values.atPose3(X(0)))
+    values.insert(V(1), values.atVector(V(0)))
+    values.insert(B(1), values.atConstantBias(B(0)))
+    imu = gtsam.PreintegratedCombinedMeasurements(
+        gtsam.PreintegrationCombinedParams.MakeSharedU(9.81)
+    )
+    imu.integrateMeasurement(np.array([0.1, 0.0, 9.81]), np.array([0.1, 0.0, 0.2]), 0.01)
+    graph = gtsam.NonlinearFactorGraph()
+    graph.addPriorPose3(X(0), gtsam.Pose3(), noiseModel.Isotropic.Sigma(6, 0.1))
+    for form in FORMS:
+        graph.add(case.factor(form, sigma=0.02))
+    graph.add(gtsam.CombinedImuFactor(X(0), V(0), X(1), V(1), B(0), B(1), imu))
+    graph.add(new_line_factor(robust(4), X(0), L(0), chart, gtsam.Pose3()))
+    graph.add(same_line_factor(robust(4), L(0), L(1), chart, delta, new_chart))
+    graph.add(line_distance_factor(robust(1), X(0), L(0), chart, 3.0))
+    graph.addPriorVector(L(0), np.zeros(4), noiseModel.Unit.Create(4))
+    graph.remove(0)
+    return graph, values
+
+
+def assert_equal(
+    ours: gtsam.NonlinearFactorGraph, theirs: gtsam.NonlinearFactorGraph, values: gtsam.Values
+) -> None:
+    assert ours.size() == theirs.size()
+    for index in range(ours.size()):
+        assert ours.exists(index) == theirs.exists(index)
+        if ours.exists(index):
+            one, other = ours.at(index), theirs.at(index)
+            assert one.keys() == other.keys()
+            assert one.error(values) == other.error(values)
+            np.testing.assert_array_equal(
+                one.linearize(values).augmentedJacobian(),
+                other.linearize(values).augmentedJacobian(),
+            )
+
+
+def test_a_clone_is_equal_and_another() -> None:
+    graph, values = mixed_graph()
+    gc.collect()  # Python lets go of the factors; the graph keeps them
+    copy = clone_graph(graph)
+    assert_equal(copy, graph, values)
+    copy.remove(1)
+    assert graph.exists(1)
+
+
+def test_a_file_keeps_all_of_a_graph(tmp_path: Path) -> None:
+    graph, values = mixed_graph()
+    save_graph(graph, tmp_path / "graph.npz")
+    assert_equal(load_graph(tmp_path / "graph.npz"), graph, values)
+
+
+def test_the_spec_comes_back_from_what_gtsam_hands_out() -> None:
+    graph, _ = mixed_graph()
+    gc.collect()
+    spec = spec_of(graph.at(1))
+    assert type(graph.at(1)) is gtsam.CustomFactor
+    assert isinstance(spec, RuledSurfaceSpec)
+    assert build_factor(spec).spec.to_dict() == spec.to_dict()
+    assert spec_of(graph.at(graph.size() - 1)) is None
+
+
+def test_a_callback_without_values_says_so_to_others() -> None:
+    with pytest.raises(Exception, match="no values"):
+        random_case(1).factor("pose").unwhitenedError(gtsam.Values())
+
+
+def test_foreign_custom_factors_and_files_are_named(tmp_path: Path) -> None:
+    graph, _ = mixed_graph()
+    foreign = gtsam.CustomFactor(noiseModel.Unit.Create(1), [X(0)], lambda *_: np.zeros(1))
+    graph.add(foreign)
+    with pytest.raises(FactorError, match=f"factor {graph.size() - 1} is a CustomFactor"):
+        clone_graph(graph)
+    np.savez(tmp_path / "other.npz", a=np.zeros(3))
+    with pytest.raises(FactorError, match=r"other.npz holds no graph"):
+        load_graph(tmp_path / "other.npz")

@@ -1,0 +1,144 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Is the covariance of a graph with lines honest? Mean NEES per degree of freedom.
+
+A hand-held camera sees four edges for 1.5 s, 90 frames a second, 20 points in each, beside an IMU
+like a D435i's. Every line starts with `triangulate_line` at the dead-reckoned poses. 1 is
+consistent; the bounds are those of 95 % of such means (of the lines they are too narrow: those of a
+seed are correlated). Above them the graph is overconfident: noise
+of the IMU between a state and its frames is not in the factor, so that sharp edges want states at
+shorter distances.
+
+    python tools/benchmarks/line_nees.py [SEEDS]
+"""
+
+import sys
+
+import gtsam
+import numpy as np
+from gtsam import noiseModel
+from gtsam.symbol_shorthand import B, L, V, X
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+import ruledgraph_factors as rf
+from ruledgraph.calibration.sensors import D435I_LIKE
+from ruledgraph.simulation import SplineMotion, simulate_imu
+from ruledgraph.simulation.edges import observe_segment
+
+FloatArray = NDArray[np.float64]
+FOCAL = 600.0  # px
+BODY_T_CAM = gtsam.Pose3(
+    gtsam.Rot3(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])),
+    np.array([0.02, 0.01, 0.005]),
+)
+SEGMENTS = np.array(
+    [
+        [[2.2, -0.6, -0.5], [2.0, -0.6, 0.6]],
+        [[2.0, 0.6, -0.5], [2.3, 0.5, 0.6]],
+        [[2.1, -0.6, 0.55], [1.8, 0.6, 0.5]],
+        [[1.7, -0.6, -0.5], [2.4, 0.6, -0.45]],
+    ]
+)
+FRAME_TIMES = np.arange(135) / 90.0
+START_VIEWS = 45  # frames that a line is triangulated from
+BIAS_SIGMAS = np.repeat([0.05, 0.005], 3)  # m/s^2, rad/s
+NO_BIAS = gtsam.imuBias.ConstantBias()
+DIMENSIONS = {"pose": 6, "velocity": 3, "bias": 6, "lines": 4 * len(SEGMENTS)}
+# Noise of a point in pixels and frames from one state to the next.
+CASES = ((0.5, 9), (0.25, 9), (0.25, 3), (0.1, 9), (0.1, 3), (0.1, 1))
+
+
+def nees(seed: int, pixels: float, step: int) -> tuple[FloatArray, bool]:
+    """Of the last state and the lines, by dimension, and whether `check_lines` objects."""
+    rng = np.random.default_rng(seed)
+    knots = np.linspace(0.0, 1.7, 9)
+    phase, frequency = rng.uniform(0.0, 2.0 * np.pi, (2, 3)), rng.uniform(0.4, 1.1, (2, 3))
+    waves = np.sin(2.0 * np.pi * frequency[:, None] * knots[:, None] + phase[:, None])
+    waves -= waves[:, :1]
+    motion = SplineMotion(knots, 0.25 * waves[0], 0.25 * waves[1])
+    imu = simulate_imu(motion, 400.0, D435I_LIKE, rng, rng.normal(size=6) * BIAS_SIGMAS)
+    sigma = pixels / FOCAL
+    cameras = [motion.pose(time) * BODY_T_CAM for time in FRAME_TIMES]
+    edges = [[observe_segment(c, ends, 20, sigma, rng) for c in cameras] for ends in SEGMENTS]
+    pose = motion.pose(0.0).retract(1e-3 * rng.normal(size=6))
+    velocity = motion.velocity(0.0) + 0.1 * rng.normal(size=3)
+
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    graph.addPriorPose3(X(0), pose, noiseModel.Isotropic.Sigma(6, 1e-3))
+    graph.addPriorVector(V(0), velocity, noiseModel.Isotropic.Sigma(3, 0.1))
+    graph.addPriorConstantBias(B(0), NO_BIAS, noiseModel.Diagonal.Sigmas(BIAS_SIGMAS))
+    state = gtsam.NavState(pose, velocity)
+    start = rf.preintegrate_frames(imu.samples, 0.0, FRAME_TIMES[:START_VIEWS])
+    poses = [p * BODY_T_CAM for p in start.poses(state, NO_BIAS)]
+    charts = []
+    wide = noiseModel.Diagonal.Sigmas(np.array(rf.NEW_LINE_SIGMAS))
+    for i, seen in enumerate(edges):
+        charts.append(rf.triangulate_line(poses, seen[:START_VIEWS], sigma).chart)
+        graph.add(rf.new_line_factor(wide, X(0), L(i), charts[i], pose))
+        values.insert(L(i), np.zeros(4))
+    params = D435I_LIKE.preintegration_params()
+    starts = range(0, FRAME_TIMES.size, step)
+    for k, first in enumerate(starts):
+        time = FRAME_TIMES[first]
+        values.insert(X(k), state.pose())
+        values.insert(V(k), state.velocity())
+        values.insert(B(k), NO_BIAS)
+        frames = slice(first, first + step)
+        frame_motion = rf.preintegrate_frames(imu.samples, time, FRAME_TIMES[frames])
+        for i, chart in enumerate(charts):
+            points = rf.GeometricPoints.from_frames(edges[i][frames])
+            noise = noiseModel.Isotropic.Sigma(points.rows, sigma)
+            keys = (X(k), V(k), B(k), L(i))
+            graph.add(
+                rf.ruled_surface_factor(noise, *keys, frame_motion, chart, points, BODY_T_CAM)
+            )
+        if k + 1 < len(starts):
+            stop = FRAME_TIMES[first + step]
+            preintegrated = gtsam.PreintegratedCombinedMeasurements(params, NO_BIAS)
+            for segment in imu.samples.segments(time, stop, at=FRAME_TIMES[frames], bias=NO_BIAS):
+                preintegrated.integrateMeasurement(*segment)
+            imu_keys = (X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1))
+            graph.add(gtsam.CombinedImuFactor(*imu_keys, preintegrated))
+            state = preintegrated.predict(state, NO_BIAS)
+    optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, rf.levenberg_marquardt_params())
+    values = optimizer.optimize()
+    objected = not all(check.ok for check in rf.check_lines(graph, values))
+    marginals = gtsam.Marginals(graph, values)
+    last, end = len(starts) - 1, FRAME_TIMES[starts[-1]]
+    errors = {
+        X(last): values.atPose3(X(last)).localCoordinates(motion.pose(end)),
+        V(last): motion.velocity(end) - values.atVector(V(last)),
+        B(last): imu.bias_at(end).vector() - values.atConstantBias(B(last)).vector(),
+    }
+    by_delta = {key: np.eye(error.size) for key, error in errors.items()}
+    for i, (first_end, second_end) in enumerate(SEGMENTS):
+        along = second_end - first_end
+        chart, by_delta[L(i)] = charts[i].recentred(values.atVector(L(i)))
+        errors[L(i)] = chart.local(np.cross(first_end, along), along)
+    squares = []
+    for key, error in errors.items():
+        covariance = by_delta[key] @ marginals.marginalCovariance(key) @ by_delta[key].T
+        squares.append(error @ np.linalg.solve(covariance, error))
+    totals = np.array([*squares[:3], sum(squares[3:])])
+    return totals / np.array(list(DIMENSIONS.values())), objected
+
+
+def main() -> None:
+    """Print the table."""
+    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 50
+    print(f"{seeds} seeds. 95 % bounds:")
+    for name, dimension in DIMENSIONS.items():
+        low, high = chi2.ppf([0.025, 0.975], dimension * seeds) / (dimension * seeds)
+        print(f"  {name:9} {low:.2f} to {high:.2f}")
+    names = "".join(f"{name:>10}" for name in DIMENSIONS)
+    print(f"noise (px)  frames a state  {names}  objected")
+    for pixels, step in CASES:
+        runs = [nees(seed, pixels, step) for seed in range(seeds)]
+        cells = "".join(f"{value:10.2f}" for value in np.mean([run[0] for run in runs], axis=0))
+        objected = sum(run[1] for run in runs)
+        print(f"{pixels:10} {step:15}  {cells}{objected:10}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
