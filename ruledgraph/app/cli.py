@@ -263,7 +263,9 @@ def smooth(recording: Path, **options: Any) -> None:
 
 
 @main.command()
-@click.argument("estimate", type=click.Path())
+@click.argument(
+    "estimates", nargs=-1, required=True, type=click.Path(), metavar="ESTIMATE [ESTIMATE ...]"
+)
 @click.argument("reference", type=click.Path())
 @click.option("--live", is_flag=True, help="Of a run's folder, its trajectory_live.tum.")
 @click.option(
@@ -298,7 +300,7 @@ def smooth(recording: Path, **options: Any) -> None:
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option(
-    "--plots", type=click.Path(path_type=Path), metavar="FOLDER", help="Draw evo's plots into it."
+    "--plots", type=click.Path(path_type=Path), metavar="FOLDER", help="Draw all estimates into it."
 )
 @click.option(
     "--save",
@@ -306,10 +308,10 @@ def smooth(recording: Path, **options: Any) -> None:
     metavar="FOLDER",
     help="Write evo's result files into it, for evo_res.",
 )
-def evaluate(estimate: str, reference: str, **options: Any) -> None:
-    """Compare an ESTIMATE with a REFERENCE: ATE and RPE by evo.
+def evaluate(estimates: tuple[str, ...], reference: str, **options: Any) -> None:
+    """Compare one or several ESTIMATEs with a REFERENCE: ATE and RPE by evo.
 
-    Both are a TUM file, EuRoC's CSV, KITTI poses and their times as `poses.txt,times.txt`, the
+    Each is a TUM file, EuRoC's CSV, KITTI poses and their times as `poses.txt,times.txt`, the
     results folder of `ruledgraph smooth`, or a topic as `recording.bag:/topic`. Poses are
     associated as evo_ape does it, by nearest stamps, and errors are those it prints.
 
@@ -318,10 +320,11 @@ def evaluate(estimate: str, reference: str, **options: Any) -> None:
       ruledgraph evaluate results/run1 flight.gt.tum
       ruledgraph evaluate results/run1 flight.bag:/vicon/pose --align posyaw --json
       ruledgraph evaluate other.tum flight.gt.tum --length 1 --length 10 --save other_evo
+      ruledgraph evaluate results/run1 results/run2 other.tum flight.gt.tum --plots compared
     """
     from ruledgraph.app.evaluate_command import evaluate_command
 
-    evaluate_command(estimate, reference, **options)
+    evaluate_command(estimates, reference, **options)
 
 
 @main.command()

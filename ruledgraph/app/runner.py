@@ -216,6 +216,8 @@ def _summary(
         "recording_s": tally.seconds,
         "wall_s": elapsed,
         "real_time_factor": tally.seconds / elapsed if elapsed > 0.0 else 0.0,
+        "first_frame_ns": tally.first_stamp,
+        "last_frame_ns": tally.last_stamp,
         "frames": tally.frames,
         "frames_estimated": tally.estimates,
         "status": dict(tally.statuses),

@@ -69,11 +69,11 @@ def smooth_command(
     if output is None:
         time = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
         output = Path("results") / f"{recording.resolve().stem}-{time}"
-    sketches = None
+    pictures = None
     if plots:
-        from ruledgraph.visualization.plots import Sketches
+        from ruledgraph.visualization.plots import PlotRecorder
 
-        sketches = Sketches(calibration.camera)
+        pictures = PlotRecorder(calibration.camera)
     cropped = choice["start"] is not None or choice["duration"] is not None
     frames = None if cropped else _frame_count(source)
     log = None
@@ -82,7 +82,7 @@ def smooth_command(
 
         log = RerunLog(rerun, calibration)
     _tune_process()
-    watchers = [watcher.watch for watcher in (sketches, log) if watcher is not None]
+    watchers = [watcher.watch for watcher in (pictures, log) if watcher is not None]
     with _progress_bar(frames) as show, log or nullcontext():
         summary = run(
             source.stream(),
@@ -97,8 +97,8 @@ def smooth_command(
             watch=_each(watchers) if watchers else None,
             on_progress=show,
         )
-    if sketches is not None:
-        sketches.draw(output, truth)
+    if pictures is not None:
+        pictures.draw(output, truth)
     _tell(summary, output, verbose)
     if rerun is not None and rerun.exists():
         click.echo(f"for the Rerun viewer: {rerun}")

@@ -27,10 +27,10 @@ from ruledgraph.calibration.sensors import Calibration, FloatArray
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.figure_style import line_color
 from ruledgraph.core.measurements import Frame
-from ruledgraph.frontend.tracks import Track
 from ruledgraph.odometry import Odometry
-from ruledgraph.visualization.overlay import FrameQueue, line_color
+from ruledgraph.visualization.views import View, ViewQueue
 
 # rerun's, which is imported when it is needed.
 _Stream: TypeAlias = Any
@@ -77,7 +77,7 @@ class RerunLog(Closing):
         self._stream = self._begin()
         self._first: int | None = None
         self._now, self._knot = 0, -np.inf
-        self._frames = FrameQueue()
+        self._views = ViewQueue()
         self._last: dict[str, FloatArray] = {}
         self._status = ""
         self._told = {"warnings": 0, "recoveries": 0}
@@ -115,10 +115,10 @@ class RerunLog(Closing):
     def watch(self, odometry: Odometry, frame: Frame) -> None:
         """Images with rulings and points, lines of the window, warnings."""
         rr = self._rr
-        for processed in self._frames.take(odometry, frame):
-            self._now = processed.stamp
+        for view in self._views.take(odometry, frame):
+            self._now = view.frame.stamp
             self._at(self._now)
-            self._image(processed, odometry)
+            self._image(view)
         if not self._now:
             return
         self._at(self._now)
@@ -135,34 +135,25 @@ class RerunLog(Closing):
             ends, colors = [line.ends for line in drawn], [line_color(x.number) for x in drawn]
             self._log("world/window", rr.LineStrips3D(ends, colors=colors))
 
-    def _image(self, frame: Frame, odometry: Odometry) -> None:
+    def _image(self, view: View) -> None:
         rr = self._rr
-        _, encoded = cv2.imencode(".jpg", frame.image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+        _, encoded = cv2.imencode(".jpg", view.frame.image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
         image = rr.EncodedImage(contents=encoded.tobytes(), media_type="image/jpeg")
         self._log("world/body/camera/image", image)
-        in_graph = odometry.window.lines if odometry.window is not None else {}
-        distort = self._calibration.camera.distort
-        curves: list[FloatArray] = []
-        points: list[FloatArray] = []
-        colors: list[tuple[int, int, int]] = []
-        for track in odometry.tracker.tracks:
-            seen = next((s for s in reversed(track.sightings) if s.stamp == frame.stamp), None)
-            if seen is None:
-                continue
-            along = np.linspace(0.0, 1.0, 20)[:, None]
-            ends = _ends(track, seen.points, frame.stamp)
-            curves.append(distort(ends[0] + along * (ends[1] - ends[0])).pixels)
-            points.append(distort(seen.points).pixels)
-            colors.append(line_color(track.number) if track.number in in_graph else _YELLOW)
+        camera = self._calibration.camera
+        colors = [line_color(line.number) if line.in_graph else _YELLOW for line in view.lines]
         # Pixel (0, 0) has its centre at (0.5, 0.5) in Rerun.
+        curves = [line.curve(camera) + 0.5 for line in view.lines]
+        labels = [str(line.number) for line in view.lines]
         self._log(
             "world/body/camera/image/lines",
-            rr.LineStrips2D([curve + 0.5 for curve in curves], colors=colors),
+            rr.LineStrips2D(curves, colors=colors, labels=labels, radii=-1.5, show_labels=False),
         )
+        points = [line.pixels(camera) + 0.5 for line in view.lines]
         spread = [color for color, each in zip(colors, points, strict=True) for _ in each]
         self._log(
             "world/body/camera/image/points",
-            rr.Points2D(np.concatenate([np.empty((0, 2)), *points]) + 0.5, colors=spread),
+            rr.Points2D(np.concatenate([np.empty((0, 2)), *points]), colors=spread, radii=-1.5),
         )
 
     def _states(self, estimate: Estimate) -> None:
@@ -230,12 +221,6 @@ def _transform(rr: Any, pose: Any) -> Any:
 def _sigma(line: LineEstimate) -> float:
     """Deviation of the worse end, m."""
     return max(float(np.sqrt(np.trace(covariance))) for covariance in line.covariance)
-
-
-def _ends(track: Track, points: FloatArray, stamp: int) -> FloatArray:
-    """Of the ruling in a frame: the track's own in the last one, else the outermost points."""
-    last = track.sightings[-1].stamp == stamp and track.misses == 0
-    return track.ends if last else points[[0, -1]]
 
 
 def _layout() -> Any:

@@ -17,7 +17,8 @@ from matplotlib.figure import Figure
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.trajectory import read_tum
 from ruledgraph.evaluation.ground_truth import GroundTruth
-from ruledgraph.visualization.plots import error_figure, result_figures
+from ruledgraph.visualization.comparison_figures import error_figure
+from ruledgraph.visualization.plots import result_figures
 from ruledgraph.visualization.report.run import TRAJECTORIES, Run
 
 _TITLES = {
