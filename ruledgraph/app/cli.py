@@ -225,6 +225,13 @@ def simulate(
 )
 @click.option("--set", "settings", multiple=True, metavar="SECTION.KEY=VALUE", help="One setting.")
 @click.option("--plots", is_flag=True, help="Draw pictures of the results.")
+@click.option("--directrices", is_flag=True, help="With --plots, draw the paper's directrices too.")
+@click.option(
+    "--video",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="MP4",
+    help="Write a video of the images with their lines.",
+)
 @click.option(
     "--rerun",
     type=click.Path(path_type=Path),
@@ -335,21 +342,22 @@ def evaluate(estimates: tuple[str, ...], reference: str, **options: Any) -> None
     "--output",
     type=click.Path(path_type=Path),
     metavar="HTML",
-    default=Path("report.html"),
-    show_default=True,
-    help="The page; must not exist.",
+    help="The page; by default report.html in RUN, of several runs in the current folder.",
 )
+@click.option("--force", is_flag=True, help="Overwrite the page.")
 @click.option(
     "--ground-truth",
     metavar="FILE|BAG:/TOPIC",
     help="Evaluate all runs against this; by default the page has the errors each run noted.",
 )
-def report(runs: tuple[Path, ...], output: Path, ground_truth: str | None) -> None:
+def report(
+    runs: tuple[Path, ...], output: Path | None, force: bool, ground_truth: str | None
+) -> None:
     """Put results folders on one HTML page.
 
-    RUN is a results folder of `ruledgraph smooth`. The page holds errors, timings, pictures,
-    settings and warnings, of several runs also a table of comparison. It is one file that needs no
-    other, and prints.
+    RUN is a results folder of `ruledgraph smooth`. The page holds pictures, the trajectory to turn
+    and zoom, errors, status, timings, warnings and settings, of several runs also a table of
+    comparison. It is one file that needs no other, and prints.
 
     \b
     Examples:
@@ -359,7 +367,10 @@ def report(runs: tuple[Path, ...], output: Path, ground_truth: str | None) -> No
     from ruledgraph.evaluation.sources import read_poses
     from ruledgraph.visualization.report import write_report
 
-    write_report(runs, output, read_poses(ground_truth) if ground_truth else None)
+    if output is None:
+        output = (runs[0] if len(runs) == 1 else Path()) / "report.html"
+    truth = read_poses(ground_truth) if ground_truth else None
+    write_report(runs, output, truth, force=force)
     click.echo(str(output))
 
 

@@ -52,6 +52,8 @@ def smooth_command(
     config_file: Path | None,
     settings: Sequence[str],
     plots: bool,
+    directrices: bool,
+    video: Path | None,
     rerun: Path | None,
     solver: Solver,
     verbose: bool,
@@ -59,7 +61,12 @@ def smooth_command(
 ) -> None:
     """See `ruledgraph smooth --help`."""
     if solver == "paper":
-        given = {"--plots": plots, "--rerun": rerun, "--config and --set": config_file or settings}
+        given = {
+            "--plots": plots,
+            "--video": video,
+            "--rerun": rerun,
+            "--config and --set": config_file or settings,
+        }
         if unused := next((option for option, value in given.items() if value), None):
             raise click.UsageError(f"{unused}: the paper's solver has none; leave it out")
     config = load_config(config_file, settings)
@@ -81,9 +88,14 @@ def smooth_command(
         from ruledgraph.visualization.rerun_log import RerunLog
 
         log = RerunLog(rerun, calibration)
+    film = None
+    if video is not None:
+        from ruledgraph.visualization.video import Video
+
+        film = Video(video, calibration.camera)
     _tune_process()
-    watchers = [watcher.watch for watcher in (pictures, log) if watcher is not None]
-    with _progress_bar(frames) as show, log or nullcontext():
+    watchers = [watcher.watch for watcher in (pictures, log, film) if watcher is not None]
+    with _progress_bar(frames) as show, log or nullcontext(), film or nullcontext():
         summary = run(
             source.stream(),
             calibration,
@@ -98,7 +110,7 @@ def smooth_command(
             on_progress=show,
         )
     if pictures is not None:
-        pictures.draw(output, truth)
+        pictures.draw(output, truth, directrices=directrices)
     _tell(summary, output, verbose)
     if rerun is not None and rerun.exists():
         click.echo(f"for the Rerun viewer: {rerun}")

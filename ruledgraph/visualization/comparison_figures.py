@@ -12,6 +12,8 @@ from ruledgraph.core import figure_style as style
 from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import Comparison, EvaluationError, alignment, matched
 from ruledgraph.evaluation.ground_truth import GroundTruth
+from ruledgraph.visualization.three_views import ThreeViews
+from ruledgraph.visualization.trajectory_figure import view_box
 
 
 def error_figure(estimates: Mapping[str, Trajectory], truth: GroundTruth) -> Figure | None:
@@ -37,7 +39,7 @@ def error_figure(estimates: Mapping[str, Trajectory], truth: GroundTruth) -> Fig
             return None
         axes.set(xlabel="time (s)", ylabel="mm", title="position error, SE(3)-aligned")
         axes.set_ylim(bottom=0.0)
-        axes.legend(loc="upper right", ncols=4)
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4)
     return figure
 
 
@@ -67,27 +69,18 @@ def _color(i: int) -> str:
 def _trajectories(found: Mapping[str, Comparison]) -> Figure:
     paths = {name: one.aligned_positions() for name, one in found.items()}
     reference = max((one.reference_positions() for one in found.values()), key=len)
-    every = np.concatenate([reference, *paths.values()])
-    size = np.maximum(np.ptp(every, axis=0), 0.2 * np.ptp(every, axis=0).max() + 1e-3)
+    low, high = view_box(np.concatenate([reference, *paths.values()]), np.empty((0, 2, 3)))
     with style.figure_style():
-        # One scale for all views, which are the top and, below it, the front.
-        scale = min(9.0 / size[0], 7.0 / (size[1] + size[2]))
-        width, height = max(scale * size[0], 4.5) + 1.2, scale * (size[1] + size[2]) + 1.9
-        figure = style.new_figure(width, height)
-        top, front = figure.subplots(2, 1, sharex=True, height_ratios=(size[1], size[2]))
-        for axes, b in ((top, 1), (front, 2)):
-            axes.plot(
-                *reference[:, [0, b]].T, color=style.TRUTH, lw=3.2, alpha=0.25, label="reference"
-            )
+        drawing = ThreeViews(low, high)
+        for axes, a, b in drawing.views:
+            pair = [a, b]
+            axes.plot(*reference[:, pair].T, color=style.TRUTH, lw=3.2, alpha=0.25)
+            axes.lines[-1].set_label("reference")
             for i, (name, path) in enumerate(paths.items()):
-                axes.plot(*path[:, [0, b]].T, color=_color(i), label=name)
-            axes.plot(*reference[0, [0, b]], "o", color=style.START, mec="white", label="start")
-            axes.set_aspect("equal", adjustable="datalim")
-            axes.set_ylabel(f"{'xyz'[b]} (m)")
-        top.set_title("top")
-        front.set(title="front", xlabel="x (m)")
-        figure.legend(*top.get_legend_handles_labels(), loc="outside upper right", ncols=4)
-    return figure
+                axes.plot(*path[:, pair].T, color=_color(i), label=name)
+            axes.plot(*reference[0, pair], "o", color=style.START, ms=8, mec="white", label="start")
+        drawing.legend(*axes.get_legend_handles_labels())
+    return drawing.figure
 
 
 def _ate(found: Mapping[str, Comparison], kinds: Sequence[str]) -> Figure:
@@ -105,7 +98,7 @@ def _ate(found: Mapping[str, Comparison], kinds: Sequence[str]) -> Figure:
                     axes.set_ylabel(unit)
             axes.set_title(f"ATE, {kind.split('_')[1]}")
             axes.set_ylim(bottom=0.0)
-            axes.legend(loc="upper left", ncols=3)
+            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4)
         rows[-1].set_xlabel("time (s)")
     return figure
 
@@ -139,7 +132,7 @@ def _rpe(found: Mapping[str, Comparison], kinds: Sequence[str]) -> Figure:
                 )
             axes.set_title(f"RPE, {part}")
             axes.set_ylim(bottom=0.0)
-            axes.legend(loc="upper left", ncols=4)
+            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4)
         labels = [f"{length.removesuffix('m')} m" for length in lengths]
         rows[-1].set_xticks(range(len(lengths)), labels)
         rows[-1].set_xlabel("length of path")

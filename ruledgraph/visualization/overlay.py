@@ -66,9 +66,9 @@ def _toned(image: Image) -> Image:
 def _draw_line(image: Any, line: ViewedLine, camera: CameraModel, scale: int) -> None:
     color = _color(line)
     curve = _fixed_point(line.curve(camera), scale)
-    for drawn, thickness in (((0, 0, 0), 2 * scale + 1), (color, scale)):
+    for drawn, thickness in (((0, 0, 0), 2 * scale + 2), (color, scale + 1)):
         cv2.polylines(image, [curve], False, drawn, thickness, cv2.LINE_AA, _BITS)
-    radius = round(1.3 * scale * (1 << _BITS))
+    radius = round(1.6 * scale * (1 << _BITS))
     for u, v in _fixed_point(line.pixels(camera), scale).tolist():
         cv2.circle(image, (u, v), radius, color, -1, cv2.LINE_AA, _BITS)
 

@@ -18,6 +18,7 @@ from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import EvaluationError, alignment, matched
 from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.visualization.run_tables import RunTables
+from ruledgraph.visualization.three_views import ThreeViews
 
 # Lines whose worse end is known worse than this are left out, m.
 _LINE_SIGMA = 0.2
@@ -26,26 +27,30 @@ _LINES_IN_VIEW, _PATH_SHARE = 0.9, 0.12
 _MARGIN = 0.08
 # A view is at least this wide, as a share of the widest one.
 _NARROWEST = 0.3
-# Of the drawing, inches: the widest and tallest it may get, the gap between views, the margins.
-_WIDTH, _HEIGHT = 11.0, 9.4
-_GAP, _LEFT, _BOTTOM, _TOP, _RIGHT = 0.65, 0.7, 0.55, 1.05, 0.25
 # The path is enlarged where it takes less than this of the views.
 _SMALL = 0.6
 _MOST_PIECES = 4000
+# A step between poses this many times the usual one interrupts the path.
+_BREAK = 5.0
 
 
 @dataclass(frozen=True, eq=False)
-class _Path:
+class DrawnPath:
     """What is drawn of a run."""
 
     smoothed: FloatArray
+    """Positions, m, (N, 3)."""
+    times: FloatArray
+    """Of the smoothed poses, s since the first frame, (N,)."""
     live: FloatArray
+    """Positions, m, (M, 3)."""
     truth: FloatArray | None
+    """At the smoothed poses, aligned to them, (N, 3)."""
     values: FloatArray
-    """That the colours show, of each smoothed pose."""
+    """That the colours show, of each smoothed pose, (N,)."""
     label: str
     breaks: NDArray[np.bool_]
-    """Whether the path is interrupted after a pose."""
+    """Whether the path is interrupted after a pose, (N - 1,)."""
 
 
 def trajectory_figure(run: RunTables, truth: GroundTruth | None) -> Figure:
@@ -55,50 +60,33 @@ def trajectory_figure(run: RunTables, truth: GroundTruth | None) -> Figure:
     lies below the top view, the side to its right, as in an engineering drawing. In the corner
     that is left the path is enlarged, without the lines.
     """
-    path = _path(run, truth)
-    ends = run.lines.ends[run.lines.sigmas < _LINE_SIGMA]
+    path = path_of(run, truth)
+    ends = shown_lines(run)
     low, high = view_box(path.smoothed, ends)
-    size = high - low
-    # Inches a metre.
-    scale = min(
-        (_WIDTH - _LEFT - _RIGHT - _GAP) / (size[0] + size[2]),
-        (_HEIGHT - _BOTTOM - _TOP - _GAP) / (size[1] + size[2]),
-    )
-    wide, deep, tall = scale * size
-    width, height = _LEFT + wide + _GAP + tall + _RIGHT, _BOTTOM + tall + _GAP + deep + _TOP
-    upper, right = _BOTTOM + tall + _GAP, _LEFT + wide + _GAP
     with style.figure_style():
-        figure = Figure(figsize=(width, height))
-
-        def axes(left: float, bottom: float, across: float, up: float, **kind: Any) -> Any:
-            where = (left / width, bottom / height, across / width, up / height)
-            return figure.add_axes(where, **kind)
-
-        for view, a, b, name in (
-            (axes(_LEFT, upper, wide, deep), 0, 1, "top"),
-            (axes(right, upper, tall, deep), 2, 1, "side"),
-            (axes(_LEFT, _BOTTOM, wide, tall), 0, 2, "front"),
-        ):
-            drawn = _draw_view(view, path, ends, a, b)
-            view.set(xlim=(low[a], high[a]), ylim=(low[b], high[b]), title=name)
-            view.set(xlabel=f"{'xyz'[a]} (m)", ylabel=f"{'xyz'[b]} (m)", aspect="equal")
-            view.locator_params(nbins=6)
-        handles, labels = view.get_legend_handles_labels()
+        drawing = ThreeViews(low, high)
+        for axes, a, b in drawing.views:
+            colored = _draw_view(axes, path, ends, a, b)
+        handles, labels = axes.get_legend_handles_labels()
         # A legend shows one colour of a path that has many.
-        handles[labels.index("smoothed")] = Line2D([], [], color=drawn.cmap(0.35), lw=2.0)
+        handles[labels.index("smoothed")] = Line2D([], [], color=colored.cmap(0.35), lw=2.0)
+        drawing.legend(handles, labels)
+        drawing.color_bar(colored, path.label)
         extent = np.ptp(path.smoothed, axis=0)
-        if float((extent / size).max()) < _SMALL:
-            a, b = sorted(np.argsort(extent)[1:])
-            close = axes(right, _BOTTOM, tall, tall)
+        if float((extent / (high - low)).max()) < _SMALL:
+            a, b = sorted(np.argsort(extent)[1:].tolist())
+            close = drawing.corner()
             _draw_view(close, path, ends[:0], a, b)
+            close.margins(0.08)
             close.set_aspect("equal", adjustable="datalim")
             close.set_title(f"path, enlarged: {'xyz'[a]} and {'xyz'[b]} (m)")
             close.locator_params(nbins=6)
-        figure.legend(handles, labels, loc="upper left", bbox_to_anchor=(0.02, 0.995), ncols=6)
-        bar = axes(width - 2.75, height - 0.34, 2.4, 0.13)
-        figure.colorbar(drawn, cax=bar, orientation="horizontal")
-        bar.text(-0.04, 0.5, path.label, transform=bar.transAxes, ha="right", va="center")
-    return figure
+    return drawing.figure
+
+
+def shown_lines(run: RunTables) -> FloatArray:
+    """Ends of the lines that are known well, (L, 2, 3), m."""
+    return run.lines.ends[run.lines.sigmas < _LINE_SIGMA]
 
 
 def view_box(path: FloatArray, ends: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -130,22 +118,25 @@ def aligned_truth(estimate: Trajectory, truth: GroundTruth) -> tuple[Trajectory,
     return kept, known.positions @ A[:3, :3].T + A[:3, 3]
 
 
-def _path(run: RunTables, truth: GroundTruth | None) -> _Path:
+def path_of(run: RunTables, truth: GroundTruth | None) -> DrawnPath:
+    """The path of a run; where ground truth does not overlap it, as without one."""
     shown, true_positions = run.smoothed, None
     if truth is not None:
         with suppress(EvaluationError):  # the report says so
             shown, true_positions = aligned_truth(run.smoothed, truth)
-    seconds = run.since_start(shown)
-    steps = np.diff(seconds)
-    breaks = steps > 5.0 * np.median(steps) if len(steps) else np.zeros(0, dtype=bool)
-    if true_positions is None:
-        return _Path(shown.positions, run.live.positions, None, seconds, "time (s)", breaks)
-    error = 1e3 * np.linalg.norm(shown.positions - true_positions, axis=1)
-    label = "position error (mm)"
-    return _Path(shown.positions, run.live.positions, true_positions, error, label, breaks)
+    times = run.since_start(shown)
+    values, label = times, "time (s)"
+    if true_positions is not None:
+        values = 1e3 * np.linalg.norm(shown.positions - true_positions, axis=1)
+        label = "position error (mm)"
+    steps = np.diff(times)
+    breaks = steps > _BREAK * np.median(steps) if len(steps) else np.zeros(0, dtype=np.bool_)
+    return DrawnPath(
+        shown.positions, times, run.live.positions, true_positions, values, label, breaks
+    )
 
 
-def _draw_view(axes: Any, path: _Path, ends: FloatArray, a: int, b: int) -> LineCollection:
+def _draw_view(axes: Any, path: DrawnPath, ends: FloatArray, a: int, b: int) -> LineCollection:
     pair = [a, b]
     lines = LineCollection(list(ends[:, :, pair]), colors=style.LINES, linewidths=1.0)
     lines.set_label("line map")
