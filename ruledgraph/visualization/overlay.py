@@ -23,7 +23,7 @@ _NARROW = 800
 _DARKEST, _BRIGHTEST = 12.0, 170.0
 _STRIP = 30
 _STRIP_COLOR: Color = (24, 30, 40)
-_FONT = cv2.FONT_HERSHEY_DUPLEX
+_FONT, _NUMBER_SIZE = cv2.FONT_HERSHEY_DUPLEX, 0.55
 # cv2 takes coordinates with this many fractional bits.
 _BITS = 3
 
@@ -82,11 +82,12 @@ def _draw_number(image: Any, line: ViewedLine, camera: CameraModel, scale: int) 
     across = np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-9)
     across = across if across[1] < 0.0 else -across
     text = str(line.number)
-    (width, height), _ = cv2.getTextSize(text, _FONT, 0.45, 1)
-    u, v = middle + 12.0 * across
+    (width, height), _ = cv2.getTextSize(text, _FONT, _NUMBER_SIZE, 1)
+    u, v = middle + 14.0 * across
     corner = round(u - 0.5 * width), round(v + 0.5 * height)
-    cv2.putText(image, text, corner, _FONT, 0.45, (0, 0, 0), 3, cv2.LINE_AA)
-    cv2.putText(image, text, corner, _FONT, 0.45, _color(line), 1, cv2.LINE_AA)
+    light = tuple((2 * part + 255) // 3 for part in _color(line))
+    for color, thickness in (((0, 0, 0), 4), (light, 1)):
+        cv2.putText(image, text, corner, _FONT, _NUMBER_SIZE, color, thickness, cv2.LINE_AA)
 
 
 def _draw_strip(canvas: Any, view: View) -> None:

@@ -23,7 +23,7 @@ from ruledgraph.visualization.three_views import ThreeViews
 # Lines whose worse end is known worse than this are left out, m.
 _LINE_SIGMA = 0.2
 # Most of the lines are in view, but the path fills at least this share of it.
-_LINES_IN_VIEW, _PATH_SHARE = 0.9, 0.12
+_LINES_IN_VIEW, _PATH_SHARE = 0.9, 0.06
 _MARGIN = 0.08
 # A view is at least this wide, as a share of the widest one.
 _NARROWEST = 0.3

@@ -12,7 +12,7 @@ from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import Frame
 from ruledgraph.odometry import Odometry
 from ruledgraph.visualization.overlay import draw_overlay, overlay_size
-from ruledgraph.visualization.views import ViewQueue
+from ruledgraph.visualization.views import View, ViewQueue
 
 RATE = 30
 """Images a second."""
@@ -61,17 +61,19 @@ class Video(Closing):
     def watch(self, odometry: Odometry, frame: Frame) -> None:
         """Draw the frames that have been processed when a frame has been added."""
         for view in self._views.take(odometry, frame):
-            due = view.since_start if self._due is None else self._due
-            # Of a faster camera frames are left out, of a slower one they are repeated.
-            ready = int((view.since_start - due) * RATE + 1.0 + _ROUNDING)
-            copies = min(ready, round(_LONGEST_HOLD * RATE))
-            if copies > 0:
-                image = cv2.resize(
-                    draw_overlay(view, self._camera), self._size, interpolation=cv2.INTER_AREA
-                )
-                for _ in range(copies):
-                    self._writer.write(image)
-                self._due = max(due + copies / RATE, view.since_start)
+            self.show(view)
+
+    def show(self, view: View) -> None:
+        """Add a frame; of a fast camera frames are left out, of a slow one they are repeated."""
+        due = view.since_start if self._due is None else self._due
+        ready = int((view.since_start - due) * RATE + 1.0 + _ROUNDING)
+        copies = min(ready, round(_LONGEST_HOLD * RATE))
+        if copies > 0:
+            overlay = draw_overlay(view, self._camera)
+            image = cv2.resize(overlay, self._size, interpolation=cv2.INTER_AREA)
+            for _ in range(copies):
+                self._writer.write(image)
+            self._due = max(due + copies / RATE, view.since_start)
 
     def close(self) -> None:
         """Finish the file; one without an image is removed."""

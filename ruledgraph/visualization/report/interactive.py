@@ -5,6 +5,7 @@
 import base64
 import gzip
 import json
+from functools import cache
 from typing import Any
 
 import matplotlib as mpl
@@ -22,6 +23,7 @@ _MOST_POSES = 2500
 _DIGITS = 4
 
 
+@cache
 def plotly_library() -> str:
     """Plotly's script, compressed by gzip, in base64: a third of its size."""
     from plotly.offline import get_plotlyjs
@@ -40,7 +42,7 @@ def trajectory_json(run: RunTables, truth: GroundTruth | None) -> str:
     traces = [_lines(ends)] if len(ends) else []
     if path.truth is not None:
         traces.append(_path(path.truth, "truth", "#888888", 7) | {"opacity": 0.45})
-    traces += [_path(path.live, "live", style.LIVE, 2), _colored(path)]
+    traces += [_path(path.live, "live", style.LIVE, 2), _colored(path), _legend_of_smoothed()]
     for at, name, color, symbol in (
         (0, "start", style.START, "circle"),
         (-1, "end", style.END, "square"),
@@ -92,11 +94,18 @@ def _colored(path: DrawnPath) -> dict[str, Any]:
         "smoothed",
         mode="lines",
         line=line,
+        showlegend=False,  # it would be black: `_legend_of_smoothed` has a colour
         customdata=np.round(_thinned(path.times), 3).tolist(),
         text=values,
         hovertemplate=f"after %{{customdata:.2f}} s<br>{path.label}: %{{text:.2f}}<br>"
         "x %{x:.3f}  y %{y:.3f}  z %{z:.3f} m<extra></extra>",
     )
+
+
+def _legend_of_smoothed() -> dict[str, Any]:
+    line = {"color": to_hex(mpl.colormaps[style.SEQUENTIAL](0.35)), "width": 5}
+    nowhere = {axis: [None] for axis in "xyz"}
+    return {"type": "scatter3d", "mode": "lines", "name": "smoothed", "line": line} | nowhere
 
 
 def _color_scale() -> list[tuple[float, str]]:

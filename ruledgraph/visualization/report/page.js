@@ -21,7 +21,14 @@
     }
     return Plotly.react(plot, figure.data, figure.layout, { responsive: true, displayModeBar: false });
   };
-  for (const plot of plots) await draw(plot);
+  for (const plot of plots) {
+    await draw(plot);
+    // On paper a picture of it stands in its place.
+    const image = new Image();
+    image.className = "printed";
+    image.src = await Plotly.toImage(plot, { format: "png", width: 840, height: 640 });
+    plot.after(image);
+  }
   dark.addEventListener("change", () => plots.forEach(draw));
 })().catch(() => {
   // An old browser: the flat views further down show the same.

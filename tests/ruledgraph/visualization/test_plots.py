@@ -103,7 +103,7 @@ def test_views_have_one_scale_and_show_path_and_lines(run):
         assert (path > low).all()
         assert (path < high).all()
         # The far line does not make the path too small to be seen.
-        assert (high - low).max() < 20.0
+        assert (high - low).max() < 40.0
         box = axes.get_position()
         size = figure.get_size_inches() * (box.width, box.height)
         scales += (size / (high - low)).tolist()
