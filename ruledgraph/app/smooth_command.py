@@ -3,8 +3,8 @@
 """`ruledgraph smooth`: finds what it needs, runs it, and says what came of it."""
 
 import ctypes
-import shlex
 import sys
+import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from datetime import datetime
@@ -24,6 +24,7 @@ from rich.progress import (
 )
 
 from ruledgraph.app.calibration_choice import calibration_for
+from ruledgraph.app.run_summary import summary_text
 from ruledgraph.app.runner import Progress as RunProgress
 from ruledgraph.app.runner import Solver, Watch, run
 from ruledgraph.core.config import load_config
@@ -33,6 +34,8 @@ from ruledgraph.odometry import Odometry
 from ruledgraph.recording import Recording, open_recording
 
 _FEW_WARNINGS = 5
+# Between lines of progress where there is no terminal, s.
+_PROGRESS_INTERVAL = 5.0
 # Of glibc's malloc.h.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _OFF = {
@@ -111,11 +114,9 @@ def smooth_command(
         )
     if pictures is not None:
         pictures.draw(output, truth, directrices=directrices)
-    _tell(summary, output, verbose)
-    if rerun is not None and rerun.exists():
-        click.echo(f"for the Rerun viewer: {rerun}")
-    if plots:
-        click.echo(f"on one page: ruledgraph report {shlex.quote(str(output))}")
+    _tell(summary, output, verbose, rerun if rerun is not None and rerun.exists() else None)
+    if video is not None and video.exists():
+        click.echo(f"video: {video}", err=True)
 
 
 def _each(watchers: Sequence[Watch]) -> Watch:
@@ -156,10 +157,10 @@ def _tune_process() -> None:
 
 
 @contextmanager
-def _progress_bar(total: int | None) -> Iterator[Callable[[RunProgress], None] | None]:
-    """A bar on a terminal, nothing elsewhere."""
+def _progress_bar(total: int | None) -> Iterator[Callable[[RunProgress], None]]:
+    """A bar on a terminal, elsewhere a line every few seconds."""
     if not sys.stderr.isatty():
-        yield None
+        yield _progress_lines(total)
         return
     columns = (
         TextColumn("{task.description}"),
@@ -178,7 +179,23 @@ def _progress_bar(total: int | None) -> Iterator[Callable[[RunProgress], None] |
         yield show
 
 
-def _tell(summary: dict[str, Any], output: Path, verbose: bool) -> None:
+def _progress_lines(total: int | None) -> Callable[[RunProgress], None]:
+    said = clock.monotonic()
+
+    def show(state: RunProgress) -> None:
+        nonlocal said
+        if clock.monotonic() - said >= _PROGRESS_INTERVAL:
+            said = clock.monotonic()
+            frames = (
+                f"{state.frames} frames" if total is None else f"{state.frames} of {total} frames"
+            )
+            text = f"{frames}, {state.seconds:.1f} s, {state.status}, {state.lines} lines"
+            click.echo(text, err=True)
+
+    return show
+
+
+def _tell(summary: dict[str, Any], output: Path, verbose: bool, rerun: Path | None) -> None:
     if summary["ended"] == "interrupted":
         click.echo("interrupted: the results up to here are written", err=True)
     warnings = summary["warnings"]
@@ -187,32 +204,13 @@ def _tell(summary: dict[str, Any], output: Path, verbose: bool) -> None:
     rest = summary["warnings_left_off"] + (0 if verbose else len(warnings) - _FEW_WARNINGS)
     if rest > 0:
         click.echo(f"warning: and {rest} more, see {output / 'summary.json'}", err=True)
-    click.echo(
-        f"{summary['frames_estimated']} of {summary['frames']} frames estimated, "
-        f"{summary['lines']} lines, {len(summary['recoveries'])} recoveries; "
-        f"{summary['recording_s']:.1f} s took {summary['wall_s']:.1f} s"
-    )
     for status, meaning in _OFF.items():
         if count := summary["status"].get(status, 0):
             click.echo(f"{count} frames {status}: {meaning}")
-    for name, found in summary.get("accuracy", {}).items():
-        click.echo(f"{name}: {_accuracy_text(found)}")
     if verbose:
         for stage, times in summary["stages"].items():
             click.echo(
                 f"{stage}: {times['count']} x {times['mean_ms']:.1f} ms, p99 "
                 f"{times['p99_ms']:.1f} ms, max {times['max_ms']:.1f} ms"
             )
-    click.echo(f"results: {output}")
-
-
-def _accuracy_text(found: dict[str, Any]) -> str:
-    if "error" in found:
-        return str(found["error"])
-    text = (
-        f"ATE {1e3 * found['ate_rmse']:.1f} mm RMSE, {1e3 * found['ate_max']:.1f} mm at most, "
-        f"over {found['path_length']:.1f} m"
-    )
-    if found["rpe_rmse"] is not None:
-        text += f"; RPE {1e3 * found['rpe_rmse']:.1f} mm per metre"
-    return text
+    click.echo(summary_text(summary, output, rerun=rerun))

@@ -280,6 +280,7 @@ def test_a_run_without_ground_truth_or_poses(finished, tmp_path):
         del summary[key]
     (folder / "summary.json").write_text(json.dumps(summary))
     (folder / "trajectory.tum").write_text("")
+    (folder / "ground_truth.tum").unlink()
     shutil.rmtree(folder / "plots")
     found = page(tmp_path, folder)
     assert "ATE" not in found.text
