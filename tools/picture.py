@@ -37,7 +37,7 @@ SCENE, MOTION = "corridor", "walk"
 GROUND, INK, FAINT = "#0f141c", "#e8edf5", "#3a4658"
 WIDTH, HEIGHT = 1320, 430
 # Images a second, of the recording and of the picture, and the time shown before the newest, s.
-RATE, SHOWN_RATE, SURFACE = 60.0, 10, 1.5
+RATE, SHOWN_RATE, SURFACE = 60.0, 7, 1.5
 # A line known worse than this is not drawn, m.
 _LINE_SIGMA = 0.15
 # Surfaces are drawn of lines seen for so long, s.
@@ -57,7 +57,7 @@ class State:
 
 
 def states(seconds: float, seed: int) -> tuple[list[State], CameraModel]:
-    """Run the odometry and keep what it knows, ten times a second."""
+    """Run the odometry and keep what it knows, a few times a second."""
     simulation = simulation_from_options(SCENE, MOTION, rate=RATE, duration=seconds, seed=seed)
     camera = simulation.calibration.camera
     odometry, queue = Odometry(simulation.calibration), ViewQueue()
@@ -164,7 +164,7 @@ class Picture:
             axes.plot(*state.path.T, color="white", lw=2.0)
             axes.scatter(*state.path[-1], color="white", s=26, zorder=9)
         _plain(axes, self._low, self._high)
-        axes.set_box_aspect(self._high - self._low, zoom=1.3)
+        axes.set_box_aspect(self._high - self._low, zoom=1.14)
         axes.view_init(elev=28.0, azim=-48.0)
 
 
@@ -182,7 +182,7 @@ def _plain(axes: Any, low: Any, high: Any) -> None:
 @click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--seconds", default=11.0, show_default=True, help="Of the recording.")
 @click.option("--seed", default=0, show_default=True, help="Of the simulation.")
-@click.option("--quality", default=55, show_default=True, help="Of WebP, 0 to 100.")
+@click.option("--quality", default=42, show_default=True, help="Of WebP, 0 to 100.")
 def main(out: Path, seconds: float, seed: int, quality: int) -> None:
     """Command line."""
     cv2.setNumThreads(1)
@@ -202,7 +202,7 @@ def main(out: Path, seconds: float, seed: int, quality: int) -> None:
         duration=durations,
         loop=0,
         quality=quality,
-        method=6,
+        method=4,
     )
     print(f"\n{out}: {out.stat().st_size / 1e3:.0f} kB", file=sys.stderr)
 

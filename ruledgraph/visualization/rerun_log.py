@@ -5,10 +5,10 @@
 - `world/body`: the live pose, and in it `camera/image` with `lines`, the rulings, and `points`,
   yellow until the line is in the graph;
 - `world/live` and `world/smoothed`: the trajectories, a piece from each pose to the next;
-- `world/window`: the lines in the window at each knot, without badly known ones;
+- `world/window`: the lines in the window at each state, without badly known ones;
 - `world/lines`: lines as they left the window, with `ends`; the badly known ones in
   `world/uncertain`, which the 3D view leaves out;
-- `states`: velocity, biases, deviation of the position and number of lines at each knot;
+- `states`: velocity, biases, sigma of the position and number of lines at each state;
 - `messages`: warnings, recoveries and changes of the status.
 
 Times are those of the frames: `time`, since the first one, and `stamp`, the recording's own.
@@ -42,7 +42,7 @@ _YELLOW = (255, 225, 40)
 _UNCERTAIN = 0.2
 _AXES = ("x", "y", "z")
 _STATES = ("velocity", "gyroscope_bias", "accelerometer_bias")
-_LIVE, _SMOOTHED = (38, 120, 210), (235, 125, 30)
+_LIVE, _SMOOTHED = (90, 200, 165), (255, 255, 255)
 
 
 class RerunError(RuledgraphError):
@@ -109,8 +109,9 @@ class RerunLog(Closing):
             self._at(line.last_stamp)
             where = "world/lines" if _sigma(line) < _UNCERTAIN else "world/uncertain"
             color = line_color(line.number)
-            self._log(where, rr.LineStrips3D([line.ends], colors=[color]))
-            self._log(f"{where}/ends", rr.Points3D(line.ends, colors=[color], radii=0.005))
+            strip = rr.LineStrips3D([line.ends], colors=[color], radii=-1.5)
+            self._log(where, strip)
+            self._log(f"{where}/ends", rr.Points3D(line.ends, colors=[color], radii=-2.5))
 
     def watch(self, odometry: Odometry, frame: Frame) -> None:
         """Images with rulings and points, lines of the window, warnings."""
@@ -133,7 +134,7 @@ class RerunLog(Closing):
             known = [line.estimate() for line in window.lines.values()]
             drawn = [x for x in known if x is not None and _sigma(x) < _UNCERTAIN]
             ends, colors = [line.ends for line in drawn], [line_color(x.number) for x in drawn]
-            self._log("world/window", rr.LineStrips3D(ends, colors=colors))
+            self._log("world/window", rr.LineStrips3D(ends, colors=colors, radii=-2.0))
 
     def _image(self, view: View) -> None:
         rr = self._rr
@@ -170,7 +171,9 @@ class RerunLog(Closing):
         before = self._last.get(where)
         self._last[where] = position
         if before is not None:
-            self._log(where, self._rr.LineStrips3D([[before, position]], colors=[color]))
+            # A negative radius is in pixels, whatever the distance.
+            piece = self._rr.LineStrips3D([[before, position]], colors=[color], radii=-2.5)
+            self._log(where, piece)
 
     # -- the file ----------------------------------------------------------------------------------
 
@@ -199,7 +202,7 @@ class RerunLog(Closing):
             "world/body/camera/image": rr.Pinhole(
                 image_from_camera=K,
                 resolution=[camera.width, camera.height],
-                image_plane_distance=0.2,
+                image_plane_distance=0.3,
             ),
         } | {f"states/{name}": rr.SeriesLines(names=_AXES) for name in _STATES}
         for where, what in fixed.items():
@@ -238,25 +241,36 @@ def _layout() -> Any:
         ]
     )
     kept = ("world/live", "world/smoothed", "world/lines", "world/lines/ends")
+    plots = [
+        rrb.TimeSeriesView(origin=f"states/{name}", name=title)
+        for name, title in (
+            ("lines", "lines in view"),
+            ("position_sigma", "position sigma (m)"),
+            ("velocity", "velocity (m/s)"),
+            ("gyroscope_bias", "gyroscope bias (rad/s)"),
+            ("accelerometer_bias", "accelerometer bias (m/s²)"),
+        )
+    ]
     return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Spatial3DView(
-                origin="world",
-                name="world",
-                contents=["$origin/**", "- $origin/uncertain/**"],
-                overrides={where: [until_now] for where in kept},
-            ),
-            rrb.Vertical(
+        rrb.Vertical(
+            rrb.Horizontal(
                 rrb.Spatial2DView(origin="world/body/camera/image", name="camera"),
+                rrb.Spatial3DView(
+                    origin="world",
+                    name="trajectory and lines",
+                    contents=["$origin/**", "- $origin/uncertain/**"],
+                    background=[18, 23, 31],
+                    overrides={where: [until_now] for where in kept},
+                ),
+                column_shares=[4, 5],
+            ),
+            rrb.Horizontal(
+                *plots[:3],
                 rrb.Tabs(
-                    *(
-                        rrb.TimeSeriesView(origin=f"states/{name}", name=name.replace("_", " "))
-                        for name in (*_STATES, "position_sigma", "lines")
-                    ),
-                    rrb.TextLogView(origin="messages", name="messages"),
+                    *plots[3:], rrb.TextLogView(origin="messages", name="messages"), active_tab=2
                 ),
             ),
-            column_shares=[3, 2],
+            row_shares=[7, 3],
         ),
         rrb.TimePanel(timeline="time", state="collapsed"),
         collapse_panels=True,
