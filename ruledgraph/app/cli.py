@@ -236,6 +236,13 @@ def simulate(
     "the calibration's timeshift_cam_imu.",
 )
 @click.option("--plots", is_flag=True, help="Draw pictures of the results.")
+@click.option("--directrices", is_flag=True, help="With --plots, draw the paper's directrices too.")
+@click.option(
+    "--video",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="MP4",
+    help="Write a video of the images with their lines.",
+)
 @click.option(
     "--rerun",
     type=click.Path(path_type=Path),
@@ -275,7 +282,9 @@ def smooth(recording: Path, **options: Any) -> None:
 
 
 @main.command()
-@click.argument("estimate", type=click.Path())
+@click.argument(
+    "estimates", nargs=-1, required=True, type=click.Path(), metavar="ESTIMATE [ESTIMATE ...]"
+)
 @click.argument("reference", type=click.Path())
 @click.option("--live", is_flag=True, help="Of a run's folder, its trajectory_live.tum.")
 @click.option(
@@ -310,7 +319,7 @@ def smooth(recording: Path, **options: Any) -> None:
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option(
-    "--plots", type=click.Path(path_type=Path), metavar="FOLDER", help="Draw evo's plots into it."
+    "--plots", type=click.Path(path_type=Path), metavar="FOLDER", help="Draw all estimates into it."
 )
 @click.option(
     "--save",
@@ -318,10 +327,10 @@ def smooth(recording: Path, **options: Any) -> None:
     metavar="FOLDER",
     help="Write evo's result files into it, for evo_res.",
 )
-def evaluate(estimate: str, reference: str, **options: Any) -> None:
-    """Compare an ESTIMATE with a REFERENCE: ATE and RPE by evo.
+def evaluate(estimates: tuple[str, ...], reference: str, **options: Any) -> None:
+    """Compare one or several ESTIMATEs with a REFERENCE: ATE and RPE by evo.
 
-    Both are a TUM file, EuRoC's CSV, KITTI poses and their times as `poses.txt,times.txt`, the
+    Each is a TUM file, EuRoC's CSV, KITTI poses and their times as `poses.txt,times.txt`, the
     results folder of `ruledgraph smooth`, or a topic as `recording.bag:/topic`. Poses are
     associated as evo_ape does it, by nearest stamps, and errors are those it prints.
 
@@ -330,10 +339,11 @@ def evaluate(estimate: str, reference: str, **options: Any) -> None:
       ruledgraph evaluate results/run1 flight.gt.tum
       ruledgraph evaluate results/run1 flight.bag:/vicon/pose --align posyaw --json
       ruledgraph evaluate other.tum flight.gt.tum --length 1 --length 10 --save other_evo
+      ruledgraph evaluate results/run1 results/run2 other.tum flight.gt.tum --plots compared
     """
     from ruledgraph.app.evaluate_command import evaluate_command
 
-    evaluate_command(estimate, reference, **options)
+    evaluate_command(estimates, reference, **options)
 
 
 @main.command()
@@ -344,21 +354,22 @@ def evaluate(estimate: str, reference: str, **options: Any) -> None:
     "--output",
     type=click.Path(path_type=Path),
     metavar="HTML",
-    default=Path("report.html"),
-    show_default=True,
-    help="The page; must not exist.",
+    help="The page; by default report.html in RUN, of several runs in the current folder.",
 )
+@click.option("--force", is_flag=True, help="Overwrite the page.")
 @click.option(
     "--ground-truth",
     metavar="FILE|BAG:/TOPIC",
     help="Evaluate all runs against this; by default the page has the errors each run noted.",
 )
-def report(runs: tuple[Path, ...], output: Path, ground_truth: str | None) -> None:
+def report(
+    runs: tuple[Path, ...], output: Path | None, force: bool, ground_truth: str | None
+) -> None:
     """Put results folders on one HTML page.
 
-    RUN is a results folder of `ruledgraph smooth`. The page holds errors, timings, pictures,
-    settings and warnings, of several runs also a table of comparison. It is one file that needs no
-    other, and prints.
+    RUN is a results folder of `ruledgraph smooth`. The page holds pictures, the trajectory to turn
+    and zoom, errors, status, timings, warnings and settings, of several runs also a table of
+    comparison. It is one file that needs no other, and prints.
 
     \b
     Examples:
@@ -368,7 +379,10 @@ def report(runs: tuple[Path, ...], output: Path, ground_truth: str | None) -> No
     from ruledgraph.evaluation.sources import read_poses
     from ruledgraph.visualization.report import write_report
 
-    write_report(runs, output, read_poses(ground_truth) if ground_truth else None)
+    if output is None:
+        output = (runs[0] if len(runs) == 1 else Path()) / "report.html"
+    truth = read_poses(ground_truth) if ground_truth else None
+    write_report(runs, output, truth, force=force)
     click.echo(str(output))
 
 

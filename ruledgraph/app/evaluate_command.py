@@ -3,9 +3,9 @@
 """`ruledgraph evaluate`: reads both trajectories, compares them, and says what came of it."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import click
 import gtsam
 
 from ruledgraph.calibration import read_calibration
+from ruledgraph.core.new_folder import new_folder
 from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import (
     Alignment,
@@ -32,8 +33,17 @@ _COLUMNS = ("rmse", "mean", "median", "std", "min", "max")
 _LITTLE = 0.9
 
 
+@dataclass(frozen=True)
+class _Evaluated:
+    """What is said of one estimate."""
+
+    found: Comparison
+    axes: AxisDifferences | None
+    lines: Sequence[LineDistances]
+
+
 def evaluate_command(
-    estimate: str,
+    estimates: Sequence[str],
     reference: str,
     *,
     live: bool,
@@ -47,29 +57,67 @@ def evaluate_command(
     save: Path | None,
 ) -> None:
     """See `ruledgraph evaluate --help`."""
-    poses, truth = read_poses(estimate, live), read_poses(reference)
-    if poses.quaternions is None:
-        raise EvaluationError(f"{estimate}: has positions alone; an estimate needs orientations")
-    trajectory = Trajectory(poses.stamps, poses.positions, poses.quaternions)
-    found = compare(
-        trajectory, truth, align=align, tolerance=tolerance, lengths=lengths or DEFAULT_LENGTHS
-    )
-    axes = None
-    if truth.quaternions is not None:
-        mounting = read_calibration(calibration).body_T_cam if calibration else gtsam.Pose3()
-        with suppress(EvaluationError):  # the reference is too sparse to be interpolated
-            axes = axis_differences(trajectory, truth, mounting)
-    lines = []
-    if markers:
-        ends = read_line_ends(Path(estimate))
-        lines = line_distances(read_marker_points(markers), ends, found.reference_T_estimate)
-    written = [*(found.save(save) if save else ()), *(found.plot(plots) if plots else ())]
+    truth = read_poses(reference)
+    mounting = read_calibration(calibration).body_T_cam if calibration else gtsam.Pose3()
+    several = len(estimates) > 1
+    results = {}
+    for name, estimate in zip(_names(estimates), estimates, strict=True):
+        poses = read_poses(estimate, live)
+        if poses.quaternions is None:
+            raise EvaluationError(
+                f"{estimate}: has positions alone; an estimate needs orientations"
+            )
+        trajectory = Trajectory(poses.stamps, poses.positions, poses.quaternions)
+        found = compare(
+            trajectory, truth, align=align, tolerance=tolerance, lengths=lengths or DEFAULT_LENGTHS
+        )
+        axes = None
+        if truth.quaternions is not None:
+            with suppress(EvaluationError):  # the reference is too sparse to be interpolated
+                axes = axis_differences(trajectory, truth, mounting)
+        lines: Sequence[LineDistances] = []
+        if markers:
+            ends = read_line_ends(Path(estimate))
+            lines = line_distances(read_marker_points(markers), ends, found.reference_T_estimate)
+        results[name] = _Evaluated(found, axes, lines)
+    written = _draw(results, plots) if plots else []
+    for name, result in results.items():
+        if save:
+            written += result.found.save(save / name if several else save)
     if as_json:
-        click.echo(json.dumps(_document(found, axes, lines), indent=2, allow_nan=False))
+        documents = [_document(each.found, each.axes, each.lines) for each in results.values()]
+        shown: Any = dict(zip(results, documents, strict=True)) if several else documents[0]
+        click.echo(json.dumps(shown, indent=2, allow_nan=False))
         return
-    _print(found, axes, lines)
+    for name, result in results.items():
+        if several:
+            click.echo(f"{name}:")
+        _print(result.found, result.axes, result.lines)
+        if several:
+            click.echo()
     for path in written:
         click.echo(str(path))
+
+
+def _names(estimates: Sequence[str]) -> list[str]:
+    """Short names of files and folders that tell them apart."""
+    short = [Path(estimate).stem or estimate for estimate in estimates]
+    return [
+        name if short.count(name) == 1 else f"{i} {name}" for i, name in enumerate(short, start=1)
+    ]
+
+
+def _draw(results: Mapping[str, _Evaluated], folder: Path) -> list[Path]:
+    """All estimates together."""
+    from ruledgraph.visualization.comparison_figures import evaluation_figures
+
+    paths = []
+    with new_folder(folder):
+        figures = evaluation_figures({name: each.found for name, each in results.items()})
+        for name, figure in figures.items():
+            paths.append(folder / f"{name}.png")
+            figure.savefig(paths[-1], dpi=130)
+    return paths
 
 
 def _document(

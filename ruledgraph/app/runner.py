@@ -5,7 +5,7 @@
 import time as clock
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
@@ -19,7 +19,7 @@ from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.core.trajectory import read_tum
 from ruledgraph.core.versions import machine_text, version_text
-from ruledgraph.evaluation import accuracy
+from ruledgraph.evaluation import accuracy, matched
 from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.odometry import Odometry
 from ruledgraph.recording.read_ahead import ahead
@@ -152,6 +152,7 @@ def run(
                 summary["likely_causes"] = causes()
             if ground_truth is not None and tally.estimates:
                 summary["accuracy"] = _accuracy(output, ground_truth)
+                _note_ground_truth(output, ground_truth)
             results.summarize(summary)
     return summary
 
@@ -223,6 +224,8 @@ def _summary(
         "recording_s": tally.seconds,
         "wall_s": elapsed,
         "real_time_factor": tally.seconds / elapsed if elapsed > 0.0 else 0.0,
+        "first_frame_ns": tally.first_stamp,
+        "last_frame_ns": tally.last_stamp,
         "frames": tally.frames,
         "frames_estimated": tally.estimates,
         "status": statuses,
@@ -258,3 +261,11 @@ def _accuracy(output: Path, ground_truth: GroundTruth) -> dict[str, Any]:
             return {"error": str(error)}
 
     return {name: of(name) for name in ("trajectory_live", "trajectory")}
+
+
+def _note_ground_truth(output: Path, ground_truth: GroundTruth) -> None:
+    """Write what was known at the frames, so that the results can be shown without the source."""
+    with suppress(RuledgraphError):  # they hardly overlap, which the accuracy says
+        _, known = matched(read_tum(output / "trajectory_live.tum"), ground_truth)
+        if known.quaternions is not None:
+            known.trajectory.write_tum(output / "ground_truth.tum")

@@ -4,8 +4,8 @@
 
 import ctypes
 import dataclasses
-import shlex
 import sys
+import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from datetime import datetime
@@ -26,6 +26,7 @@ from rich.progress import (
 
 from ruledgraph.app.calibration_choice import calibration_for
 from ruledgraph.app.likely_causes import likely_causes
+from ruledgraph.app.run_summary import summary_text
 from ruledgraph.app.runner import NO_ESTIMATE, Solver, Watch, run
 from ruledgraph.app.runner import Progress as RunProgress
 from ruledgraph.core.measurements import Frame
@@ -35,6 +36,8 @@ from ruledgraph.odometry import Odometry
 from ruledgraph.recording import Recording, open_recording
 
 _FEW_WARNINGS = 5
+# Between lines of progress where there is no terminal, s.
+_PROGRESS_INTERVAL = 5.0
 # Of glibc's malloc.h.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _NOTHING_ESTIMATED = 3
@@ -58,6 +61,8 @@ def smooth_command(
     settings: Sequence[str],
     time_offset: float | None,
     plots: bool,
+    directrices: bool,
+    video: Path | None,
     rerun: Path | None,
     solver: Solver,
     verbose: bool,
@@ -65,7 +70,12 @@ def smooth_command(
 ) -> None:
     """See `ruledgraph smooth --help`."""
     if solver == "paper":
-        given = {"--plots": plots, "--rerun": rerun, "--config and --set": config_file or settings}
+        given = {
+            "--plots": plots,
+            "--video": video,
+            "--rerun": rerun,
+            "--config and --set": config_file or settings,
+        }
         if unused := next((option for option, value in given.items() if value), None):
             raise click.UsageError(f"{unused}: the paper's solver has none; leave it out")
     config = load_config(config_file, settings)
@@ -77,11 +87,11 @@ def smooth_command(
     if output is None:
         time = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
         output = Path("results") / f"{recording.resolve().stem}-{time}"
-    sketches = None
+    pictures = None
     if plots:
-        from ruledgraph.visualization.plots import Sketches
+        from ruledgraph.visualization.plots import PlotRecorder
 
-        sketches = Sketches(calibration.camera)
+        pictures = PlotRecorder(calibration.camera)
     cropped = choice["start"] is not None or choice["duration"] is not None
     frames = None if cropped else _frame_count(source)
     log = None
@@ -89,9 +99,14 @@ def smooth_command(
         from ruledgraph.visualization.rerun_log import RerunLog
 
         log = RerunLog(rerun, calibration)
+    film = None
+    if video is not None:
+        from ruledgraph.visualization.video import Video
+
+        film = Video(video, calibration.camera)
     _tune_process()
-    watchers = [watcher.watch for watcher in (sketches, log) if watcher is not None]
-    with _progress_bar(frames) as show, log or nullcontext():
+    watchers = [watcher.watch for watcher in (pictures, log, film) if watcher is not None]
+    with _progress_bar(frames) as show, log or nullcontext(), film or nullcontext():
         summary = run(
             source.stream(),
             calibration,
@@ -108,13 +123,11 @@ def smooth_command(
             watch=_each(watchers) if watchers else None,
             on_progress=show,
         )
-    if sketches is not None:
-        sketches.draw(output, truth)
-    _tell(summary, output, verbose)
-    if rerun is not None and rerun.exists():
-        click.echo(f"for the Rerun viewer: {rerun}")
-    if plots:
-        click.echo(f"on one page: ruledgraph report {shlex.quote(str(output))}")
+    if pictures is not None:
+        pictures.draw(output, truth, directrices=directrices)
+    _tell(summary, output, verbose, rerun if rerun is not None and rerun.exists() else None)
+    if video is not None and video.exists():
+        click.echo(f"video: {video}", err=True)
     if not summary["frames_estimated"] and summary["ended"] == "complete":
         click.get_current_context().exit(_NOTHING_ESTIMATED)
 
@@ -157,10 +170,10 @@ def _tune_process() -> None:
 
 
 @contextmanager
-def _progress_bar(total: int | None) -> Iterator[Callable[[RunProgress], None] | None]:
-    """A bar on a terminal, nothing elsewhere."""
+def _progress_bar(total: int | None) -> Iterator[Callable[[RunProgress], None]]:
+    """A bar on a terminal, elsewhere a line every few seconds."""
     if not sys.stderr.isatty():
-        yield None
+        yield _progress_lines(total)
         return
     columns = (
         TextColumn("{task.description}"),
@@ -179,7 +192,23 @@ def _progress_bar(total: int | None) -> Iterator[Callable[[RunProgress], None] |
         yield show
 
 
-def _tell(summary: dict[str, Any], output: Path, verbose: bool) -> None:
+def _progress_lines(total: int | None) -> Callable[[RunProgress], None]:
+    said = clock.monotonic()
+
+    def show(state: RunProgress) -> None:
+        nonlocal said
+        if clock.monotonic() - said >= _PROGRESS_INTERVAL:
+            said = clock.monotonic()
+            frames = (
+                f"{state.frames} frames" if total is None else f"{state.frames} of {total} frames"
+            )
+            text = f"{frames}, {state.seconds:.1f} s, {state.status}, {state.lines} lines"
+            click.echo(text, err=True)
+
+    return show
+
+
+def _tell(summary: dict[str, Any], output: Path, verbose: bool, rerun: Path | None) -> None:
     if summary["ended"] == "interrupted":
         click.echo("interrupted: the results up to here are written", err=True)
     warnings = summary["warnings"]
@@ -188,56 +217,17 @@ def _tell(summary: dict[str, Any], output: Path, verbose: bool) -> None:
     rest = summary["warnings_left_off"] + (0 if verbose else len(warnings) - _FEW_WARNINGS)
     if rest > 0:
         click.echo(f"warning: and {rest} more, see {output / 'summary.json'}", err=True)
-    click.echo(
-        f"{summary['frames_estimated']} of {summary['frames']} frames estimated, "
-        f"{summary['lines']} lines, {len(summary['recoveries'])} recoveries; "
-        f"{summary['recording_s']:.1f} s took {summary['wall_s']:.1f} s"
-    )
     for status, meaning in _OFF.items():
         if count := summary["status"].get(status, 0):
             click.echo(f"{count} frames {status}: {meaning}")
-    if "time_offset" in summary:
-        click.echo(_offset_text(summary["time_offset"]))
-    for name, found in summary.get("accuracy", {}).items():
-        click.echo(f"{name}: {_accuracy_text(found)}")
     if verbose:
         for stage, times in summary["stages"].items():
             click.echo(
                 f"{stage}: {times['count']} x {times['mean_ms']:.1f} ms, p99 "
                 f"{times['p99_ms']:.1f} ms, max {times['max_ms']:.1f} ms"
             )
-    click.echo(f"results: {output}")
+    click.echo(summary_text(summary, output, rerun=rerun))
     if not summary["frames_estimated"] and summary["ended"] == "complete":
         click.echo("failed: no frame could be estimated", err=True)
     for cause in summary.get("likely_causes", []):
         click.echo(f"likely cause: {cause}", err=True)
-
-
-def _offset_text(found: dict[str, Any]) -> str:
-    """What was used and found of the clock offset."""
-    given = f"{1e3 * found['given_s']:.1f} ms"
-    if not found["estimated"]:
-        return f"time offset: {given} as given, not estimated"
-    text = (
-        f"time offset: {1e3 * found['s']:.1f} ms (deviation {1e3 * found['sigma_s']:.1f} ms), "
-        f"{given} as given"
-    )
-    if found["images_s"] is not None:
-        text += (
-            f", {1e3 * found['images_s']:.1f} ms (deviation {1e3 * found['images_sigma_s']:.1f} "
-            "ms) by how images and gyroscope turn"
-        )
-        text += ", which was used" if found["images_used"] else ""
-    return text
-
-
-def _accuracy_text(found: dict[str, Any]) -> str:
-    if "error" in found:
-        return str(found["error"])
-    text = (
-        f"ATE {1e3 * found['ate_rmse']:.1f} mm RMSE, {1e3 * found['ate_max']:.1f} mm at most, "
-        f"over {found['path_length']:.1f} m"
-    )
-    if found["rpe_rmse"] is not None:
-        text += f"; RPE {1e3 * found['rpe_rmse']:.1f} mm per metre"
-    return text

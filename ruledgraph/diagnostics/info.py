@@ -18,6 +18,7 @@ from rich.table import Table
 from ruledgraph.calibration import CalibrationError, camera_from_info
 from ruledgraph.calibration.sensors import Calibration, CameraModel
 from ruledgraph.core.measurements import Gap
+from ruledgraph.core.new_folder import check_empty
 from ruledgraph.diagnostics.checks import (
     Finding,
     Observations,
@@ -26,7 +27,7 @@ from ruledgraph.diagnostics.checks import (
     examine_camera_info,
 )
 from ruledgraph.diagnostics.extrinsics_check import examine_turning
-from ruledgraph.diagnostics.timing_plot import check_empty, draw_timing
+from ruledgraph.diagnostics.timing_plot import draw_timing
 from ruledgraph.recording.container import Container, RawMessage, Topic
 from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.formats import open_container

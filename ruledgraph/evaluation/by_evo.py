@@ -3,9 +3,8 @@
 """ATE and RPE by evo (Michael Grupp), to the digit what its programs evo_ape and evo_rpe print."""
 
 import copy
-import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.new_folder import new_folder
 from ruledgraph.core.trajectory import Trajectory, seconds
 from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.evaluation.matching import (
@@ -103,30 +103,34 @@ class Comparison:
         """Write evo's zip files, which `evo_res` reads: one for each of `errors`.
 
         Raises:
-            EvaluationError: when the folder is not empty or cannot be written.
+            FolderError: when the folder is not empty or cannot be written.
         """
         from evo.tools import file_interface
 
         paths = []
-        with _new_files(folder):
+        with new_folder(folder):
             for name, result in self.results.items():
                 paths.append(folder / f"{name}.zip")
                 file_interface.save_res_file(paths[-1], result)
         return paths
 
-    def plot(self, folder: Path) -> list[Path]:
-        """Draw with evo: each error over time, and on the trajectory from above.
+    def values(self, name: str) -> FloatArray:
+        """The errors of one of `errors`, in its unit, (N,)."""
+        return np.asarray(self.results[name].np_arrays["error_array"], dtype=np.float64)
 
-        Raises:
-            EvaluationError: when the folder is not empty or cannot be written.
-        """
-        paths = []
-        with _new_files(folder):
-            for name, result in self.results.items():
-                for kind, figure in _figures(result).items():
-                    paths.append(folder / f"{name}_{kind}.png")
-                    figure.savefig(paths[-1], dpi=120)
-        return paths
+    def times(self, name: str) -> FloatArray:
+        """When each of `values` is, s since the first compared pose, (N,)."""
+        return np.asarray(self.results[name].np_arrays["seconds_from_start"], dtype=np.float64)
+
+    def aligned_positions(self) -> FloatArray:
+        """Of the compared poses, in the reference's frame, m, (N, 3)."""
+        _, estimate = self.results["ate_translation"].trajectories.values()
+        return np.asarray(estimate.positions_xyz, dtype=np.float64)
+
+    def reference_positions(self) -> FloatArray:
+        """Of the reference's compared poses, m, (N, 3)."""
+        reference, _ = self.results["ate_translation"].trajectories.values()
+        return np.asarray(reference.positions_xyz, dtype=np.float64)
 
 
 def compare(
@@ -329,46 +333,3 @@ def _association(
 def _errors(result: _Result, unit: str) -> Errors:
     count = len(result.np_arrays["error_array"])
     return Errors(unit, count, **{name: float(value) for name, value in result.stats.items()})
-
-
-@contextmanager
-def _new_files(folder: Path) -> Iterator[None]:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise EvaluationError(f"{folder}: is not empty; name another folder")
-        yield
-    except OSError as error:
-        raise EvaluationError(f"{folder}: cannot be written: {error.strerror}") from None
-
-
-def _figures(result: _Result) -> dict[str, Any]:
-    """Evo's two pictures of a result; it draws through pyplot."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ResourceWarning)  # evo leaves its settings' file open
-        from evo.tools import plot
-        from evo.tools.settings import SETTINGS
-    from matplotlib import pyplot
-
-    pyplot.switch_backend("Agg")
-    reference, estimate = result.trajectories.values()
-    errors, title = result.np_arrays["error_array"], result.info["title"]
-    raw = pyplot.figure(figsize=SETTINGS.plot_figsize)
-    plot.error_array(
-        raw.gca(),
-        errors,
-        x_array=result.np_arrays["seconds_from_start"],
-        statistics={k: result.stats[k] for k in ("rmse", "median", "mean", "std")},
-        name=result.info["label"],
-        title=title,
-        xlabel="$t$ (s)",
-    )
-    mapped = pyplot.figure(figsize=SETTINGS.plot_figsize)
-    axes = plot.prepare_axis(mapped, plot.PlotMode.xy)
-    plot.traj(axes, plot.PlotMode.xy, reference, style="--", color="grey", label="reference")
-    plot.traj_colormap(
-        axes, estimate, errors, plot.PlotMode.xy, errors.min(), errors.max(), title=title
-    )
-    pyplot.close(raw)
-    pyplot.close(mapped)
-    return {"raw": raw, "map": mapped}

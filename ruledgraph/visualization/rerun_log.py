@@ -5,10 +5,10 @@
 - `world/body`: the live pose, and in it `camera/image` with `lines`, the rulings, and `points`,
   yellow until the line is in the graph;
 - `world/live` and `world/smoothed`: the trajectories, a piece from each pose to the next;
-- `world/window`: the lines in the window at each knot, without badly known ones;
+- `world/window`: the lines in the window at each state, without badly known ones;
 - `world/lines`: lines as they left the window, with `ends`; the badly known ones in
   `world/uncertain`, which the 3D view leaves out;
-- `states`: velocity, biases, deviation of the position and number of lines at each knot;
+- `states`: velocity, biases, sigma of the position and number of lines at each state;
 - `messages`: warnings, recoveries and changes of the status.
 
 Times are those of the frames: `time`, since the first one, and `stamp`, the recording's own.
@@ -26,10 +26,10 @@ from ruledgraph.calibration.sensors import Calibration, FloatArray
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate, LineEstimate
+from ruledgraph.core.figure_style import line_color
 from ruledgraph.core.measurements import Frame
-from ruledgraph.frontend.tracks import Track
 from ruledgraph.odometry import Odometry
-from ruledgraph.visualization.overlay import FrameQueue, line_color
+from ruledgraph.visualization.views import View, ViewQueue
 
 # rerun's, which is imported when it is needed.
 _Stream: TypeAlias = Any
@@ -41,7 +41,7 @@ _YELLOW = (255, 225, 40)
 _UNCERTAIN = 0.2
 _AXES = ("x", "y", "z")
 _STATES = ("velocity", "gyroscope_bias", "accelerometer_bias")
-_LIVE, _SMOOTHED = (38, 120, 210), (235, 125, 30)
+_LIVE, _SMOOTHED = (90, 200, 165), (255, 255, 255)
 
 
 class RerunError(RuledgraphError):
@@ -76,7 +76,7 @@ class RerunLog(Closing):
         self._stream = self._begin()
         self._first: int | None = None
         self._now, self._knot = 0, -np.inf
-        self._frames = FrameQueue()
+        self._views = ViewQueue()
         self._last: dict[str, FloatArray] = {}
         self._status = ""
         self._told = {"warnings": 0, "recoveries": 0}
@@ -108,16 +108,17 @@ class RerunLog(Closing):
             self._at(line.last_stamp)
             where = "world/lines" if _sigma(line) < _UNCERTAIN else "world/uncertain"
             color = line_color(line.number)
-            self._log(where, rr.LineStrips3D([line.ends], colors=[color]))
-            self._log(f"{where}/ends", rr.Points3D(line.ends, colors=[color], radii=0.005))
+            strip = rr.LineStrips3D([line.ends], colors=[color], radii=-1.5)
+            self._log(where, strip)
+            self._log(f"{where}/ends", rr.Points3D(line.ends, colors=[color], radii=-2.5))
 
     def watch(self, odometry: Odometry, frame: Frame) -> None:
         """Images with rulings and points, lines of the window, warnings."""
         rr = self._rr
-        for processed in self._frames.take(odometry, frame):
-            self._now = processed.stamp
+        for view in self._views.take(odometry, frame):
+            self._now = view.frame.stamp
             self._at(self._now)
-            self._image(processed, odometry)
+            self._image(view)
         if not self._now:
             return
         self._at(self._now)
@@ -133,36 +134,27 @@ class RerunLog(Closing):
             known = [line.estimate(outliers) for line in window.lines.values()]
             drawn = [x for x in known if x is not None and _sigma(x) < _UNCERTAIN]
             ends, colors = [line.ends for line in drawn], [line_color(x.number) for x in drawn]
-            self._log("world/window", rr.LineStrips3D(ends, colors=colors))
+            self._log("world/window", rr.LineStrips3D(ends, colors=colors, radii=-2.0))
 
-    def _image(self, frame: Frame, odometry: Odometry) -> None:
+    def _image(self, view: View) -> None:
         rr = self._rr
-        _, encoded = cv2.imencode(".jpg", frame.image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+        _, encoded = cv2.imencode(".jpg", view.frame.image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
         image = rr.EncodedImage(contents=encoded.tobytes(), media_type="image/jpeg")
         self._log("world/body/camera/image", image)
-        in_graph = odometry.window.lines if odometry.window is not None else {}
-        distort = self._calibration.camera.distort
-        curves: list[FloatArray] = []
-        points: list[FloatArray] = []
-        colors: list[tuple[int, int, int]] = []
-        for track in odometry.tracker.tracks:
-            seen = next((s for s in reversed(track.sightings) if s.stamp == frame.stamp), None)
-            if seen is None:
-                continue
-            along = np.linspace(0.0, 1.0, 20)[:, None]
-            ends = _ends(track, seen.points, frame.stamp)
-            curves.append(distort(ends[0] + along * (ends[1] - ends[0])).pixels)
-            points.append(distort(seen.points).pixels)
-            colors.append(line_color(track.number) if track.number in in_graph else _YELLOW)
+        camera = self._calibration.camera
+        colors = [line_color(line.number) if line.in_graph else _YELLOW for line in view.lines]
         # Pixel (0, 0) has its centre at (0.5, 0.5) in Rerun.
+        curves = [line.curve(camera) + 0.5 for line in view.lines]
+        labels = [str(line.number) for line in view.lines]
         self._log(
             "world/body/camera/image/lines",
-            rr.LineStrips2D([curve + 0.5 for curve in curves], colors=colors),
+            rr.LineStrips2D(curves, colors=colors, labels=labels, radii=-1.5, show_labels=False),
         )
+        points = [line.pixels(camera) + 0.5 for line in view.lines]
         spread = [color for color, each in zip(colors, points, strict=True) for _ in each]
         self._log(
             "world/body/camera/image/points",
-            rr.Points2D(np.concatenate([np.empty((0, 2)), *points]) + 0.5, colors=spread),
+            rr.Points2D(np.concatenate([np.empty((0, 2)), *points]), colors=spread, radii=-1.5),
         )
 
     def _states(self, estimate: Estimate) -> None:
@@ -179,7 +171,9 @@ class RerunLog(Closing):
         before = self._last.get(where)
         self._last[where] = position
         if before is not None:
-            self._log(where, self._rr.LineStrips3D([[before, position]], colors=[color]))
+            # A negative radius is in pixels, whatever the distance.
+            piece = self._rr.LineStrips3D([[before, position]], colors=[color], radii=-2.5)
+            self._log(where, piece)
 
     # -- the file ----------------------------------------------------------------------------------
 
@@ -208,7 +202,7 @@ class RerunLog(Closing):
             "world/body/camera/image": rr.Pinhole(
                 image_from_camera=K,
                 resolution=[camera.width, camera.height],
-                image_plane_distance=0.2,
+                image_plane_distance=0.3,
             ),
         } | {f"states/{name}": rr.SeriesLines(names=_AXES) for name in _STATES}
         for where, what in fixed.items():
@@ -232,12 +226,6 @@ def _sigma(line: LineEstimate) -> float:
     return max(float(np.sqrt(np.trace(covariance))) for covariance in line.covariance)
 
 
-def _ends(track: Track, points: FloatArray, stamp: int) -> FloatArray:
-    """Of the ruling in a frame: the track's own in the last one, else the outermost points."""
-    last = track.sightings[-1].stamp == stamp and track.misses == 0
-    return track.ends if last else points[[0, -1]]
-
-
 def _layout() -> Any:
     """Paths and finished lines from the start on, everything else as of the moment shown."""
     import rerun.blueprint as rrb
@@ -253,25 +241,36 @@ def _layout() -> Any:
         ]
     )
     kept = ("world/live", "world/smoothed", "world/lines", "world/lines/ends")
+    plots = [
+        rrb.TimeSeriesView(origin=f"states/{name}", name=title)
+        for name, title in (
+            ("lines", "lines in view"),
+            ("position_sigma", "position sigma (m)"),
+            ("velocity", "velocity (m/s)"),
+            ("gyroscope_bias", "gyroscope bias (rad/s)"),
+            ("accelerometer_bias", "accelerometer bias (m/s²)"),
+        )
+    ]
     return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Spatial3DView(
-                origin="world",
-                name="world",
-                contents=["$origin/**", "- $origin/uncertain/**"],
-                overrides={where: [until_now] for where in kept},
-            ),
-            rrb.Vertical(
+        rrb.Vertical(
+            rrb.Horizontal(
                 rrb.Spatial2DView(origin="world/body/camera/image", name="camera"),
+                rrb.Spatial3DView(
+                    origin="world",
+                    name="trajectory and lines",
+                    contents=["$origin/**", "- $origin/uncertain/**"],
+                    background=[18, 23, 31],
+                    overrides={where: [until_now] for where in kept},
+                ),
+                column_shares=[4, 5],
+            ),
+            rrb.Horizontal(
+                *plots[:3],
                 rrb.Tabs(
-                    *(
-                        rrb.TimeSeriesView(origin=f"states/{name}", name=name.replace("_", " "))
-                        for name in (*_STATES, "position_sigma", "lines")
-                    ),
-                    rrb.TextLogView(origin="messages", name="messages"),
+                    *plots[3:], rrb.TextLogView(origin="messages", name="messages"), active_tab=2
                 ),
             ),
-            column_shares=[3, 2],
+            row_shares=[7, 3],
         ),
         rrb.TimePanel(timeline="time", state="collapsed"),
         collapse_panels=True,

@@ -7,6 +7,7 @@ import io
 import re
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,18 +18,23 @@ from matplotlib.figure import Figure
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.trajectory import read_tum
 from ruledgraph.evaluation.ground_truth import GroundTruth
-from ruledgraph.visualization.plots import error_figure, result_figures
+from ruledgraph.visualization.comparison_figures import error_figure
+from ruledgraph.visualization.plots import result_figures
 from ruledgraph.visualization.report.run import TRAJECTORIES, Run
 
 _TITLES = {
-    "trajectory": "Trajectory and lines",
-    "states": "Velocity, biases and, with ground truth, position errors, with 3 sigma",
+    "trajectory": "Trajectory and line map, to one scale",
+    "consistency": "Live errors in body axes, with the 3 sigma reported for each",
+    "status": "Lines in view, reported position sigma and status",
+    "states": "Velocity and IMU biases when each state was new, with 3 sigma",
     "ruled_surfaces": "Ruled surfaces: lines in image and time",
-    "directrices": "Directrices and directions of the longest seen lines",
+    "directrices": "Directrices and directions of the lines seen longest",
 }
+_NEEDED = ("trajectory", "status", "states")
 _OVERLAY = re.compile(r"overlay_(\d{1,19})")
-# Images of the camera are most of a page's size: they are stored as JPEG of this quality.
-_QUALITY = 88
+# Images of the camera are most of a page's size: they are stored as JPEG of this quality, and not
+# wider than this, px.
+_QUALITY, _WIDEST = 82, 900
 _DPI = 110
 _PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -41,25 +47,16 @@ class Picture:
     source: str
     """A data URI."""
     narrow: bool = False
-    """Whether two fit side by side."""
+    """Whether it is one of the camera's images, of which several fit side by side."""
 
 
 def pictures(run: Run, truth: GroundTruth | None) -> tuple[list[Picture], list[str]]:
     """All pictures of a run, and why some are missing."""
-    found, notes = [], []
-    if truth is not None:
-        estimates = {}
-        for file, name in TRAJECTORIES.items():
-            try:
-                estimates[name] = read_tum(run.folder / f"{file}.tum")
-            except RuledgraphError:  # noqa: PERF203 - `Run.not_evaluated` says so
-                continue
-        figure = error_figure(estimates, truth)
-        if figure is not None:
-            found.append(Picture("Position error, aligned", _drawn(figure)))
+    notes: list[str] = []
+    found = {}
     files = sorted((run.folder / "plots").glob("*.png"), key=_order)
     names = {path.stem for path in files}
-    if not {"trajectory", "states", "directrices"} <= names:
+    if not names.issuperset(_NEEDED):
         try:
             figures = result_figures(run.folder, truth)
         except RuledgraphError as error:
@@ -67,25 +64,34 @@ def pictures(run: Run, truth: GroundTruth | None) -> tuple[list[Picture], list[s
         else:
             for name, figure in figures.items():
                 if name not in names:
-                    found.append(Picture(_TITLES[name], _drawn(figure)))
-    start = _first_stamp(run.folder)
+                    found[name] = Picture(_TITLES[name], _drawn(figure))
     for path in files:
-        picture = _read(path, start)
+        picture = _read(path, run.first_stamp)
         if picture is None:
             notes.append(f"{path.name}: cannot be read as a PNG")
         else:
-            found.append(picture)
-    return found, notes
+            found[path.stem] = picture
+    # Drawn and read ones, in the order of all.
+    ordered = [found[name] for name in sorted(found, key=lambda name: _order(Path(name)))]
+    errors = _error_picture(run, truth) if truth is not None else None
+    return ([errors] if errors else []) + ordered, notes
+
+
+def _error_picture(run: Run, truth: GroundTruth) -> Picture | None:
+    estimates = {}
+    for file, name in TRAJECTORIES.items():
+        with suppress(RuledgraphError):  # `Run.not_evaluated` says so
+            estimates[name] = read_tum(run.folder / f"{file}.tum")
+    figure = error_figure(estimates, truth)
+    return None if figure is None else Picture("Position error, aligned", _drawn(figure))
 
 
 def joint_errors(runs: Sequence[Run], truth: GroundTruth) -> Picture | None:
     """Smoothed position errors of several runs over time."""
     estimates = {}
     for number, run in enumerate(runs, start=1):
-        try:
+        with suppress(RuledgraphError):  # the table shows that it has none
             estimates[f"run {number}"] = read_tum(run.folder / "trajectory.tum")
-        except RuledgraphError:  # noqa: PERF203 - the table shows that it has none
-            continue
     figure = error_figure(estimates, truth)
     if figure is None:
         return None
@@ -113,17 +119,12 @@ def _read(path: Path, start: int | None) -> Picture | None:
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     if image is None:
         return None
+    if (scale := _WIDEST / image.shape[1]) < 1.0:
+        image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     _, encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     stamp = int(overlay[1])
     when = f"at {stamp} ns" if start is None else f"after {(stamp - start) * 1e-9:.1f} s"
     return Picture(f"Lines {when}", _uri("jpeg", encoded.tobytes()), narrow=True)
-
-
-def _first_stamp(folder: Path) -> int | None:
-    try:
-        return int(read_tum(folder / "trajectory.tum").stamps[0])
-    except RuledgraphError:
-        return None
 
 
 def _drawn(figure: Figure) -> str:

@@ -77,6 +77,8 @@ class Run:
     ended: str
     about: dict[str, str]
     """Recording, calibration, versions, machine: what of that was noted."""
+    first_stamp: int | None
+    """Of the first frame, ns, if it was noted."""
     recording_s: float
     wall_s: float
     real_time_factor: float
@@ -101,6 +103,11 @@ class Run:
     def name(self) -> str:
         """The folder's."""
         return self.folder.resolve().name
+
+    @property
+    def frames_missing(self) -> int:
+        """Frames without an estimate."""
+        return max(self.frames - self.frames_estimated, 0)
 
     @property
     def warning_count(self) -> int:
@@ -139,6 +146,7 @@ def read_run(folder: Path, truth: GroundTruth | None) -> Run:
             folder=folder,
             ended=str(summary["ended"]),
             about=_about(summary),
+            first_stamp=_stamp(summary.get("first_frame_ns")),
             recording_s=float(summary["recording_s"]),
             wall_s=float(summary["wall_s"]),
             real_time_factor=float(summary["real_time_factor"]),
@@ -161,6 +169,15 @@ def read_run(folder: Path, truth: GroundTruth | None) -> Run:
         raise ReportError(f"{path}: is no summary of a run: {what}") from None
 
 
+def own_truth(folder: Path) -> GroundTruth | None:
+    """The ground truth that the run noted, at its frames; None if it had none."""
+    try:
+        known = read_tum(folder / "ground_truth.tum")
+    except RuledgraphError:
+        return None
+    return GroundTruth(known.stamps, known.positions, known.quaternions)
+
+
 def _texts(values: Any) -> list[str]:
     if not isinstance(values, list):
         raise TypeError("warnings and recoveries must be lists")
@@ -173,6 +190,10 @@ def _about(summary: dict[str, Any]) -> dict[str, str]:
         if name in summary:
             found[name] = str(summary[name])
     return found
+
+
+def _stamp(value: Any) -> int | None:
+    return None if value is None else int(value)
 
 
 def _stage(name: str, times: dict[str, Any]) -> Stage:

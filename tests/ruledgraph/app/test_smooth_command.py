@@ -57,11 +57,15 @@ def results(recording, tmp_path_factory) -> tuple[Path, Result]:
 def test_it_says_what_came_of_it(results):
     output, result = results
     assert result.exit_code == 0, result.output
-    assert "trajectory: ATE" in result.output
-    assert "mm RMSE" in result.output
+    summary = json.loads((output / "summary.json").read_text())
+    rmse = 1e3 * summary["accuracy"]["trajectory"]["ate_rmse"]
+    assert f"ATE smoothed {rmse:.1f} mm RMSE" in result.output
+    estimated = f"{summary['frames_estimated']} of {summary['frames']} estimated"
+    assert f"Frames       {estimated}" in result.output
+    assert re.search(r"Status       .*tracking \d+\.\d %", result.output)
     assert "smoother: " in result.output
-    assert f"results: {output}" in result.output
-    assert result.output.endswith(f"on one page: ruledgraph report {output}\n")
+    assert f"Results      {output}" in result.output
+    assert result.output.endswith(f"Next         ruledgraph report {output}\n")
 
 
 def test_all_files_are_there_and_evo_reads_the_trajectories(results):
@@ -105,7 +109,14 @@ def test_the_summary_has_the_figures(results):
 def test_the_pictures_are_drawn(results):
     output, _ = results
     names = {path.name for path in (output / "plots").iterdir()}
-    assert {"trajectory.png", "states.png", "ruled_surfaces.png", "directrices.png"} <= names
+    assert {
+        "trajectory.png",
+        "consistency.png",
+        "status.png",
+        "states.png",
+        "ruled_surfaces.png",
+    } <= names
+    assert "directrices.png" not in names
     assert sum(name.startswith("overlay_") for name in names) >= 2
 
 
@@ -223,7 +234,7 @@ def test_the_time_offset_can_be_given(recording, tmp_path):
     given = ("--time-offset", -0.012, "--set", "time_offset.estimate=false")
     result = smooth(recording / "small.bag", *arguments, *given, "--output", tmp_path / "out")
     assert result.exit_code == 0, result.output
-    assert "time offset: -12.0 ms as given, not estimated" in result.output
+    assert "-12.0 ms as given, not estimated" in result.output
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["inputs"]["time offset"] == "-0.012"
     assert summary["time_offset"]["s"] == summary["time_offset"]["given_s"] == -0.012

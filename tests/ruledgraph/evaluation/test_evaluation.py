@@ -24,9 +24,10 @@ from ruledgraph.evaluation import (
     point_line_distances,
 )
 from ruledgraph.evaluation.ground_truth import GroundTruth
-from ruledgraph.evaluation.sources import read_marker_points
+from ruledgraph.evaluation.sources import read_marker_points, read_poses
 from ruledgraph.recording import GroundTruthPose, write_recording
 from ruledgraph.simulation import simulate
+from ruledgraph.visualization.comparison_figures import evaluation_figures
 
 PROGRAMS = Path(sys.executable).parent
 STAMPS = 1_700_000_000_000_000_000 + np.arange(0, 20_000_000_000, 50_000_000)
@@ -136,11 +137,53 @@ def test_plots_are_drawn(files, tmp_path):
     run, truth = files
     result = evaluate(run, truth, "--plots", tmp_path / "plots", "--length", 100)
     assert result.exit_code == 0, result.output
-    assert len(list((tmp_path / "plots").glob("*.png"))) == 4
+    names = {path.name for path in (tmp_path / "plots").iterdir()}
+    assert names == {"trajectories.png", "ate.png"}  # RPE needs a longer path
     assert "note: no RPE over 100 m" in result.output
     again = evaluate(run, truth, "--plots", tmp_path / "plots")
     assert again.exit_code == 2
     assert "plots: is not empty; name another folder" in again.output
+
+
+def test_several_estimates_are_compared_and_drawn_together(files, tmp_path):
+    run, truth = files
+    folder = tmp_path / "out"
+    more = ("--length", 1, "--length", 2, "--plots", folder / "plots", "--save", folder / "evo")
+    result = evaluate(run, truth, truth, *more)
+    assert result.exit_code == 0, result.output
+    names = [Path(run).stem, Path(truth).stem]
+    assert [line[:-1] for line in result.output.splitlines() if line[:-1] in names] == names
+    assert {path.name for path in (folder / "plots").iterdir()} == {
+        "trajectories.png",
+        "ate.png",
+        "rpe.png",
+    }
+    assert {path.name for path in (folder / "evo").iterdir()} == set(names)
+    found = json.loads(evaluate(run, truth, truth, "--json").output)
+    assert list(found) == names
+    alone = json.loads(evaluate(run, truth, "--json").output)
+    assert found[names[0]] == alone
+    assert found[names[1]]["errors"]["ate_translation"]["rmse"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_figures_of_several_estimates_hold_each_ones_errors(files):
+    run, truth = files
+    known = read_poses(str(truth))
+    found = {}
+    for name, path in (("ours", run), ("perfect", truth)):
+        poses = read_poses(str(path))
+        trajectory = Trajectory(poses.stamps, poses.positions, poses.quaternions)
+        found[name] = compare(trajectory, known, lengths=[1.0, 2.0])
+    figures = evaluation_figures(found)
+    assert list(figures) == ["trajectories", "ate", "rpe"]
+    translation = figures["ate"].axes[0]
+    for line, one in zip(translation.lines, found.values(), strict=True):
+        rmse = np.sqrt(np.mean(np.square(line.get_ydata())))
+        assert rmse == pytest.approx(1e3 * one.errors["ate_translation"].rmse, abs=1e-6)
+    labels = figures["trajectories"].axes[0].get_legend_handles_labels()[1]
+    assert labels == ["reference", "ours", "perfect", "start"]
+    boxes = figures["rpe"].axes[0].patches
+    assert len(boxes) == 4
 
 
 def test_position_and_yaw_are_aligned_and_no_more():

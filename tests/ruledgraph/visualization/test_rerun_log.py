@@ -66,7 +66,7 @@ def logged(recording, tmp_path_factory):
     output = tmp_path_factory.mktemp("logged")
     result = smooth(recording, "--output", output / "run", "--rerun", output / "run.rrd")
     assert result.exit_code == 0, result.output
-    assert f"for the Rerun viewer: {output / 'run.rrd'}" in result.output
+    assert f"Rerun        rerun {output / 'run.rrd'}" in result.output
     return output / "run", read_back(output / "run.rrd")
 
 

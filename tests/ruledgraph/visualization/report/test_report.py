@@ -3,6 +3,7 @@
 """`ruledgraph report`: what the page says, that nothing in it is taken for HTML, and bad input."""
 
 import base64
+import gzip
 import json
 import re
 import shutil
@@ -17,7 +18,7 @@ from click.testing import CliRunner, Result
 from ruledgraph.app.cli import main
 from ruledgraph.app.runner import run
 from ruledgraph.core.settings import load_config
-from ruledgraph.core.trajectory import Trajectory
+from ruledgraph.core.trajectory import Trajectory, read_tum
 from ruledgraph.evaluation.ground_truth import GroundTruth
 from small_simulation import small_simulation, small_stream
 
@@ -47,6 +48,10 @@ def finished(truth, tmp_path_factory) -> Path:
         ground_truth=GroundTruth(truth.stamps, truth.positions, truth.quaternions),
         inputs={"recording": "small.bag"},
     )
+    # With pictures there is nothing to draw, which takes most of the time.
+    (output / "plots").mkdir()
+    for name in ("trajectory", "consistency", "status", "states"):
+        cv2.imwrite(str(output / "plots" / f"{name}.png"), np.full((40, 60, 3), 128, np.uint8))
     return output
 
 
@@ -65,6 +70,7 @@ class Page(HTMLParser):
         super().__init__()
         self.elements: list[tuple[str, dict[str, str | None]]] = []
         self.text = ""
+        self.scripts: list[str] = []
         self.open: list[str] = []
         self.source = path.read_text(encoding="utf-8")
         self.feed(self.source)
@@ -79,11 +85,18 @@ class Page(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data):
-        if "style" not in self.open:
+        if "script" in self.open:
+            self.scripts.append(data)
+        elif "style" not in self.open:
             self.text += data + " "
 
     def images(self) -> list[tuple[str, str]]:
         return [(a["alt"], a["src"]) for tag, a in self.elements if tag == "img"]
+
+
+def figures(found: Page) -> list[dict]:
+    """The interactive ones of a page."""
+    return [json.loads(script) for script in found.scripts if script.startswith('{"data"')]
 
 
 def page(tmp_path, *arguments) -> Page:
@@ -111,31 +124,89 @@ def test_a_page_of_one_run(finished, tmp_path):
     assert "Comparison" not in found.text
 
 
-def test_the_page_needs_no_other_file_and_no_script(finished, tmp_path):
+def test_the_page_needs_no_other_file(finished, tmp_path):
     found = page(tmp_path, finished)
-    assert not {"script", "link", "iframe", "object"} & {tag for tag, _ in found.elements}
+    assert not {"link", "iframe", "object"} & {tag for tag, _ in found.elements}
     links = [a[k] for _, a in found.elements for k in ("src", "href", "srcset") if k in a]
     assert links
     assert all(link.startswith(("data:image/", "#")) for link in links)
     assert "@import" not in found.source
-    assert "url(" not in found.source
+    assert "http" not in re.sub(r"data:image/[^\"]*", "", found.source)
+    assert len(found.source) < 5_000_000
+
+
+def test_plotly_lies_in_the_page(finished, tmp_path):
+    found = page(tmp_path, finished)
+    (packed,) = (s for s in found.scripts if re.fullmatch(r"[\w+/=]{1000,}", s.strip()))
+    library = gzip.decompress(base64.b64decode(packed)).decode()
+    assert "plotly.js v" in library[:2000]
+    assert any("DecompressionStream" in script for script in found.scripts)
+
+
+def test_the_trajectory_can_be_turned(finished, tmp_path):
+    found = page(tmp_path, finished)
+    (figure,) = figures(found)
+    traces = {trace["name"]: trace for trace in figure["data"] if trace["x"] != [None]}
+    assert list(traces) == ["line map", "truth", "live", "smoothed", "start", "end"]
+    smoothed = read_tum(finished / "trajectory.tum")
+    shown = np.array([traces["smoothed"][axis] for axis in "xyz"]).T
+    np.testing.assert_allclose(shown[0], smoothed.positions[0], atol=1e-4)
+    np.testing.assert_allclose(shown[-1], smoothed.positions[-1], atol=1e-4)
+    errors = np.array(traces["smoothed"]["line"]["color"])
+    summary = json.loads((finished / "summary.json").read_text())
+    rmse = 1e3 * summary["accuracy"]["trajectory"]["ate_rmse"]
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(rmse, rel=0.02)
+    assert traces["smoothed"]["customdata"][-1] == pytest.approx(4.4, abs=0.15)
+    # Where the page is opened without ground truth the colours are times.
+    (finished / "ground_truth.tum").rename(tmp_path / "kept.tum")
+    try:
+        found = page(tmp_path, finished, "--force")
+    finally:
+        (tmp_path / "kept.tum").rename(finished / "ground_truth.tum")
+    (figure,) = figures(found)
+    names = [trace["name"] for trace in figure["data"]]
+    assert "truth" not in names
+    bars = [t["line"]["colorbar"]["title"]["text"] for t in figure["data"] if "customdata" in t]
+    assert bars == ["time (s)"]
+
+
+def test_frames_without_an_estimate_are_seen(finished, tmp_path):
+    found = page(tmp_path, finished)
+    summary = json.loads((finished / "summary.json").read_text())
+    missing = summary["frames"] - summary["frames_estimated"]
+    assert missing > 0
+    assert f"{missing} without an estimate" in found.text
+    assert f"no estimate: {missing} frames" in found.text
+    strips = [a for tag, a in found.elements if tag == "rect" and a.get("fill", "")]
+    assert any(a["fill"].startswith("url(#missing") and float(a["width"]) > 5 for a in strips)
+    # Nothing is drawn twice or left out: without overlaps the strip is as long as the recording.
+    assert sum(float(a["width"]) for a in strips) == pytest.approx(1000.0, abs=15.0)
+
+
+def test_the_first_screen_comes_first_and_settings_last(finished, tmp_path):
+    text = page(tmp_path, finished).text
+    order = ["ATE, smoothed", "no estimate", "Accuracy", "Pictures", "Time of the stages"]
+    places = [text.index(part) for part in [*order, "Settings in effect"]]
+    assert places == sorted(places)
 
 
 def test_pictures_are_drawn_where_there_are_none(finished, tmp_path):
-    found = page(tmp_path, finished)
+    folder = altered(finished, tmp_path / "run")
+    shutil.rmtree(folder / "plots")
+    found = page(tmp_path, folder)
     titles = [title for title, _ in found.images()]
-    assert titles[0] == "Trajectory and lines"
-    assert len(titles) == 3
+    assert titles[0] == "Position error, aligned"
+    assert titles[1] == "Trajectory and line map, to one scale"
+    assert len(titles) == 5
     for _, source in found.images():
         data = base64.b64decode(source.removeprefix("data:image/png;base64,"), validate=True)
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
         assert image.std() > 5.0
-    assert not (finished / "plots").exists()
+    assert not (folder / "plots").exists()
 
 
 def test_pictures_of_the_run_are_taken_as_they_are(finished, tmp_path):
     folder = altered(finished, tmp_path / "run")
-    (folder / "plots").mkdir()
     image = np.full((40, 60, 3), 128, np.uint8)
     stamp = int(small_stream()[0][0].stamp) + 2 * 10**9
     for name in ("trajectory", f"overlay_{stamp}", "my <own> & b"):
@@ -144,13 +215,13 @@ def test_pictures_of_the_run_are_taken_as_they_are(finished, tmp_path):
     found = page(tmp_path, folder)
     images = dict(found.images())
     kept = base64.b64encode((folder / "plots" / "trajectory.png").read_bytes()).decode()
-    assert images["Trajectory and lines"] == f"data:image/png;base64,{kept}"
+    assert images["Trajectory and line map, to one scale"] == f"data:image/png;base64,{kept}"
     assert "my <own> & b" in images
     overlays = [title for title in images if re.fullmatch(r"Lines after \d\.\d s", title)]
     assert len(overlays) == 1
     assert images[overlays[0]].startswith("data:image/jpeg;base64,")
     assert "broken.png: cannot be read as a PNG" in found.text
-    assert len(images) == 5
+    assert len(images) == 7  # the position error is drawn, the other three are the run's
 
 
 def test_nothing_a_run_says_becomes_html(finished, tmp_path):
@@ -166,11 +237,11 @@ def test_nothing_a_run_says_becomes_html(finished, tmp_path):
         accuracy={"trajectory": {"error": NASTY}},
     )
     (folder / "config.yaml").write_text(NASTY)
-    (folder / "plots").mkdir()
     picture = "quote\" onload='x'.png"
     cv2.imwrite(str(folder / "plots" / picture), np.zeros((4, 4), np.uint8))
     found = page(tmp_path, folder, finished)
-    assert "script" not in {tag for tag, _ in found.elements}
+    assert not any("alert" in script for script in found.scripts)
+    assert len(found.scripts) == 4  # two figures, Plotly, and what draws them
     assert not {name for _, a in found.elements for name in a if name.startswith("on")}
     assert all(a["src"].startswith("data:") for tag, a in found.elements if tag == "img")
     assert found.text.count(NASTY) >= 8
@@ -198,7 +269,7 @@ def test_several_runs_are_compared(finished, truth, tmp_path):
     titles = [title for title, _ in found.images()]
     assert titles[0] == "Position error of the smoothed trajectories, aligned"
     assert titles.count("Position error, aligned") == 2
-    ids = {a["id"] for _, a in found.elements if "id" in a}
+    ids = {a["id"] for tag, a in found.elements if "id" in a and tag == "section"}
     assert {a["href"] for tag, a in found.elements if tag == "a"} == {f"#{i}" for i in ids}
 
 
@@ -209,18 +280,31 @@ def test_a_run_without_ground_truth_or_poses(finished, tmp_path):
         del summary[key]
     (folder / "summary.json").write_text(json.dumps(summary))
     (folder / "trajectory.tum").write_text("")
+    (folder / "ground_truth.tum").unlink()
+    shutil.rmtree(folder / "plots")
     found = page(tmp_path, folder)
     assert "ATE" not in found.text
     assert "not drawn: " in found.text
     assert found.images() == []
 
 
-def test_an_existing_file_is_kept(finished, tmp_path):
-    (tmp_path / "mine.html").write_text("mine")
-    result = report(finished, "--output", tmp_path / "mine.html")
+def test_an_existing_page_is_kept_without_force(finished, tmp_path):
+    path = tmp_path / "mine.html"
+    path.write_text("mine")
+    result = report(finished, "--output", path)
     assert result.exit_code == 2
-    assert result.output.endswith("mine.html: exists already, choose another name\n")
-    assert (tmp_path / "mine.html").read_text() == "mine"
+    assert result.output.endswith("mine.html: exists already; overwrite it with --force\n")
+    assert path.read_text() == "mine"
+    assert report(finished, "--output", path, "--force").exit_code == 0
+    assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_the_page_lies_in_the_folder_of_its_run(finished, tmp_path):
+    folder = altered(finished, tmp_path / "run")
+    result = report(folder)
+    assert result.exit_code == 0, result.output
+    assert result.output == f"{folder / 'report.html'}\n"
+    assert (folder / "report.html").exists()
 
 
 @pytest.mark.parametrize(

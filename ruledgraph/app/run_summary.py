@@ -1,0 +1,72 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""What `ruledgraph smooth` says at its end, from the summary of the run."""
+
+import shlex
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+_KINDS = {"trajectory": "smoothed", "trajectory_live": "live"}
+_WIDTH = 13
+
+
+def summary_text(summary: Mapping[str, Any], output: Path, *, rerun: Path | None = None) -> str:
+    """A table of one row for each thing a person asks first, and the command to go on with."""
+    rows = [*_frames(summary), *_accuracy(summary.get("accuracy", {})), *_offset(summary)]
+    speed = f"{summary['recording_s']:.1f} s of recording in {summary['wall_s']:.1f} s"
+    if summary["recording_s"] > 0.0:
+        speed += f", {summary['real_time_factor']:.2f} of real time"
+    rows += [("Speed", speed), ("Results", str(output))]
+    if rerun is not None:
+        rows.append(("Rerun", f"rerun {shlex.quote(str(rerun))}"))
+    if summary["frames_estimated"]:
+        rows.append(("Next", f"ruledgraph report {shlex.quote(str(output))}"))
+    return "\n".join(f"{name:<{_WIDTH}}{text}" for name, text in rows)
+
+
+def _frames(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    frames, estimated = summary["frames"], summary["frames_estimated"]
+    yield "Frames", f"{estimated} of {frames} estimated{_share(estimated, frames)}"
+    if estimated:
+        statuses = summary["status"].items()
+        yield "Status", ", ".join(f"{name} {100 * n / frames:.1f} %" for name, n in statuses)
+    recoveries = len(summary["recoveries"])
+    yield (
+        "Lines",
+        f"{summary['lines']} in the map, {summary['lines_in_view']:.1f} in view on average"
+        + (f"; {recoveries} recoveries" if recoveries else ""),
+    )
+
+
+def _accuracy(accuracies: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for name, kind in _KINDS.items():
+        found = accuracies.get(name)
+        if found is None:
+            continue
+        if "error" in found:
+            yield f"ATE {kind}", str(found["error"])
+            continue
+        text = (
+            f"{1e3 * found['ate_rmse']:.1f} mm RMSE, {1e3 * found['ate_max']:.1f} mm at most, "
+            f"over {found['path_length']:.1f} m"
+        )
+        if found["rpe_rmse"] is not None:
+            text += f"; drift {1e3 * found['rpe_rmse']:.1f} mm per metre (RPE)"
+        yield f"ATE {kind}", text
+
+
+def _offset(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    offset = summary.get("time_offset")
+    if not offset:
+        return
+    given = f"{1e3 * offset['given_s']:+.1f} ms as given"
+    if not offset["estimated"]:
+        yield "Time offset", f"{given}, not estimated"
+        return
+    value, sigma = 1e3 * offset["s"], 1e3 * offset["sigma_s"]
+    yield "Time offset", f"t_imu - t_cam = {value:+.2f} ± {sigma:.2f} ms, estimated; {given}"
+
+
+def _share(part: int, whole: int) -> str:
+    return f" ({100 * part / whole:.1f} %)" if whole else ""

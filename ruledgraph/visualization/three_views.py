@@ -1,0 +1,65 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""A drawing in three views to one scale: the front below the top view, the side to its right."""
+
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from ruledgraph.calibration.sensors import FloatArray
+
+# Inches: the widest and tallest the drawing may get, the gap between views, the margins.
+_WIDTH, _HEIGHT = 11.0, 9.4
+_GAP, _LEFT, _BOTTOM, _TOP, _RIGHT = 0.65, 0.7, 0.55, 1.05, 0.25
+
+
+class ThreeViews:
+    """Axes for what lies in a box.
+
+    Args:
+        low: corner of the box, m, (3,).
+        high: the other corner.
+    """
+
+    def __init__(self, low: FloatArray, high: FloatArray) -> None:
+        size = high - low
+        # Inches a metre.
+        scale = min(
+            (_WIDTH - _LEFT - _RIGHT - _GAP) / (size[0] + size[2]),
+            (_HEIGHT - _BOTTOM - _TOP - _GAP) / (size[1] + size[2]),
+        )
+        wide, deep, tall = (scale * size).tolist()
+        self._size = _LEFT + wide + _GAP + tall + _RIGHT, _BOTTOM + tall + _GAP + deep + _TOP
+        self._corner = _LEFT + wide + _GAP, _BOTTOM, tall, tall
+        self.figure = Figure(figsize=self._size)
+        upper, right = _BOTTOM + tall + _GAP, _LEFT + wide + _GAP
+        self.views = (
+            (self._axes(_LEFT, upper, wide, deep), 0, 1),
+            (self._axes(right, upper, tall, deep), 2, 1),
+            (self._axes(_LEFT, _BOTTOM, wide, tall), 0, 2),
+        )
+        """Top, side and front: axes, and which coordinates lie along and up."""
+        for (axes, a, b), name in zip(self.views, ("top", "side", "front"), strict=True):
+            axes.set(xlim=(low[a], high[a]), ylim=(low[b], high[b]), title=name, aspect="equal")
+            axes.set(xlabel=f"{'xyz'[a]} (m)", ylabel=f"{'xyz'[b]} (m)")
+            axes.locator_params(nbins=6)
+
+    def corner(self) -> Any:
+        """Axes in the corner that the views leave, a square."""
+        return self._axes(*self._corner)
+
+    def legend(self, handles: list[Any], labels: list[str]) -> None:
+        """Above the views."""
+        self.figure.legend(handles, labels, loc="upper left", bbox_to_anchor=(0.02, 0.995), ncols=6)
+
+    def color_bar(self, drawn: Any, label: str) -> None:
+        """Above the views, on the right."""
+        width, height = self._size
+        bar = self._axes(width - 2.75, height - 0.34, 2.4, 0.13)
+        self.figure.colorbar(drawn, cax=bar, orientation="horizontal")
+        bar.text(-0.04, 0.5, label, transform=bar.transAxes, ha="right", va="center")
+
+    def _axes(self, left: float, bottom: float, across: float, up: float) -> Any:
+        """At a place in inches."""
+        width, height = self._size
+        return self.figure.add_axes((left / width, bottom / height, across / width, up / height))

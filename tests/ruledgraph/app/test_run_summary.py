@@ -1,0 +1,64 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a person reads at the end of a run."""
+
+from pathlib import Path
+
+from ruledgraph.app.run_summary import summary_text
+
+SUMMARY = {
+    "frames": 200,
+    "frames_estimated": 180,
+    "status": {"tracking": 135, "still": 45},
+    "lines": 30,
+    "lines_in_view": 9.25,
+    "recoveries": [],
+    "recording_s": 10.0,
+    "wall_s": 4.0,
+    "real_time_factor": 2.5,
+}
+ACCURACY = {"ate_rmse": 0.0123, "ate_max": 0.05, "path_length": 12.0, "rpe_rmse": 0.004}
+
+
+def rows(**changes) -> dict[str, str]:
+    text = summary_text(SUMMARY | changes, Path("out"))
+    return {line[:13].rstrip(): line[13:] for line in text.splitlines()}
+
+
+def test_shares_are_of_the_right_whole():
+    found = rows()
+    assert found["Frames"] == "180 of 200 estimated (90.0 %)"
+    assert found["Status"] == "tracking 75.0 %, still 25.0 %"
+    assert found["Lines"] == "30 in the map, 9.2 in view on average"
+    assert found["Speed"] == "10.0 s of recording in 4.0 s, 2.50 of real time"
+    assert found["Next"] == "ruledgraph report out"
+    assert "Time offset" not in found
+
+
+def test_errors_offset_and_recoveries_where_there_are_some():
+    offset = {"s": -0.00151, "sigma_s": 0.0001, "estimated": True}
+    found = rows(
+        accuracy={"trajectory": ACCURACY, "trajectory_live": {"error": "no overlap"}},
+        time_offset=offset,
+        recoveries=["once"],
+    )
+    assert found["ATE smoothed"] == (
+        "12.3 mm RMSE, 50.0 mm at most, over 12.0 m; drift 4.0 mm per metre (RPE)"
+    )
+    assert found["ATE live"] == "no overlap"
+    assert found["Time offset"] == "t_imu - t_cam = -1.51 ± 0.10 ms, found from the data"
+    assert found["Lines"].endswith("; 1 recoveries")
+    assert "Time offset" not in rows(time_offset=offset | {"estimated": False})
+
+
+def test_a_run_that_never_started():
+    found = rows(frames_estimated=0, status={}, recording_s=0.0, frames=0)
+    assert found["Frames"] == "0 of 0 estimated"
+    assert "Next" not in found
+    assert "Status" not in found
+
+
+def test_names_with_spaces_can_be_pasted():
+    text = summary_text(SUMMARY, Path("my run"), rerun=Path("a b.rrd"))
+    assert "ruledgraph report 'my run'" in text
+    assert "rerun 'a b.rrd'" in text
