@@ -90,6 +90,8 @@ class Odometry(Output):
         self._last: Ended | None = None
         self._before: Ended | None = None
         self._retimed = False
+        self.refusal = ""
+        """Why the last attempt to start was none; empty after a start."""
         self.time_offset = TimeOffset(calibration.time_offset, 0.0)
         """t_imu - t_cam, s, as last known; without deviation when it is not estimated."""
         if self.config.time_offset.estimate:
@@ -289,12 +291,14 @@ class Odometry(Output):
         self._last_attempt = seen.time
         if isinstance(result, Refusal):
             self._retimed = False
+            self.refusal = result.reason
             self.warnings.append(f"no start at {seen.time:.2f} s: {result.reason}")
             return False
         again, self._retimed = self._retimed, False
         if result.time_offset is not None and abs(result.time_offset.value) > RETRY and not again:
             self._retime(result.time_offset.value)
             return False
+        self.refusal = ""
         drift = Drift()
         if self._last is not None:
             result, drift = continued(result, self._last)

@@ -2,12 +2,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What a run tells of itself, in bounded memory: how long its stages took, its messages."""
 
+import logging
 import math
 
 # Durations are told apart by this ratio, from this many s on.
 _RATIO, _SHORTEST = 1.02, 1e-7
 # Messages that are kept of a run; the rest are counted.
 _MOST_MESSAGES = 200
+
+_log = logging.getLogger("ruledgraph")
 
 
 class Timing:
@@ -45,7 +48,10 @@ class Timing:
 
 
 class Messages(list[str]):
-    """The first messages of a run; `append` and `once` count those that come after."""
+    """The first messages of a run; `append` and `once` count those that come after.
+
+    All go to the logger `ruledgraph`, too, as warnings.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -55,6 +61,7 @@ class Messages(list[str]):
 
     def append(self, message: str) -> None:
         """Keep a message, or count it."""
+        _log.warning("%s", message)
         if len(self) < _MOST_MESSAGES:
             super().append(message)
         else:
