@@ -167,8 +167,8 @@ class LiveOdometry(Closing):
 
     @property
     def waiting(self) -> int:
-        """Images that wait for the odometry."""
-        return len(self._queue)
+        """Images that wait for the odometry; none when it has ended."""
+        return len(self._queue) if self._worker.is_alive() else 0
 
     # -- control ---------------------------------------------------------------------------------
 

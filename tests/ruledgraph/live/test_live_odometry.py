@@ -248,7 +248,7 @@ def test_wrong_order_and_units_are_refused_and_left_out():
         with pytest.raises(RuledgraphError, match="check the unit of its stamp"):
             live.add_imu(W, A, t_ns=1_000_005_000)
         live.add_image(image, t=1.0)
-        with pytest.raises(RuledgraphError, match="an image at 0.9"):
+        with pytest.raises(RuledgraphError, match=r"an image at 0\.9"):
             live.add_image(image, t=0.9)
         with pytest.raises(RuledgraphError, match="640x480, but the calibration is for 320x240"):
             live.add_image(np.zeros((480, 640), np.uint8), t=1.1)
@@ -257,19 +257,20 @@ def test_wrong_order_and_units_are_refused_and_left_out():
 
 def test_stamps_in_milliseconds_are_refused():
     with LiveOdometry(small_stream()[1]) as live:
+        for i in range(3):
+            live.add_imu(W, A, t=5.0 * i)
         with pytest.raises(RuledgraphError, match="IMU samples come 5 s apart"):
-            for i in range(10):
-                live.add_imu(W, A, t=5.0 * i)
+            live.add_imu(W, A, t=15.0)
         assert live.counts.imu == 3
 
 
 @pytest.mark.parametrize("readings", [(W, (0.0, 0.0, 1.0)), (A, W)], ids=["g", "swapped"])
 def test_forces_in_g_and_swapped_readings_are_refused(readings):
     with LiveOdometry(small_stream()[1]) as live:
-        with pytest.raises(RuledgraphError, match="gyroscope .* first, then the accelerometer"):
-            for i in range(300):
-                live.add_imu(*readings, t=0.005 * i)
-        assert 200 <= live.counts.imu <= 202
+        for i in range(200):
+            live.add_imu(*readings, t_ns=5_000_000 * i)
+        with pytest.raises(RuledgraphError, match=r"gyroscope .* first, then the accelerometer"):
+            live.add_imu(*readings, t=1.0)
 
 
 def test_warnings_go_to_the_logger(caplog):
