@@ -9,6 +9,8 @@ import logging
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import ruledgraph
 
@@ -18,7 +20,9 @@ def main(recording: str, calibration_file: str) -> None:
     logging.basicConfig(format="%(levelname)s %(message)s")
     calibration = ruledgraph.read_calibration(calibration_file)
     measurements = list(ruledgraph.open_recording(recording).stream())
-    begin, first = time.monotonic(), measurements[0].stamp
+    images = [m for m in measurements if isinstance(m, ruledgraph.Frame)]
+    samples = [m for m in measurements if isinstance(m, ruledgraph.ImuSample)]
+    begin, first = time.monotonic(), samples[0].stamp
     lines: list[object] = []
 
     def show(estimate: ruledgraph.Estimate) -> None:
@@ -28,17 +32,17 @@ def main(recording: str, calibration_file: str) -> None:
 
     with ruledgraph.LiveOdometry(calibration, on_pose=show, on_line=lines.append) as odometry:
 
-        def drive(kind: type) -> None:
-            for m in (m for m in measurements if isinstance(m, kind)):
-                time.sleep(max(0.0, begin + (m.stamp - first) * 1e-9 - time.monotonic()))
-                if isinstance(m, ruledgraph.Frame):
-                    odometry.add_image(m.image, t_ns=m.stamp)
-                elif isinstance(m, ruledgraph.ImuSample):
-                    odometry.add_imu(m.gyroscope, m.accelerometer, t_ns=m.stamp)
+        def drive(items: Iterable[Any], add: Callable[[Any], None]) -> None:
+            for item in items:
+                time.sleep(max(0.0, begin + (item.stamp - first) * 1e-9 - time.monotonic()))
+                add(item)
 
-        imu = threading.Thread(target=drive, args=(ruledgraph.ImuSample,))
+        def add_sample(m: ruledgraph.ImuSample) -> None:
+            odometry.add_imu(m.gyroscope, m.accelerometer, t_ns=m.stamp)
+
+        imu = threading.Thread(target=drive, args=(samples, add_sample))
         imu.start()
-        drive(ruledgraph.Frame)
+        drive(images, lambda m: odometry.add_image(m.image, t_ns=m.stamp))
         imu.join()
     print(f"{len(lines)} lines; {odometry.counts}")
 

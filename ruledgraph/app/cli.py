@@ -11,12 +11,19 @@ from typing import Any
 
 import click
 
+from ruledgraph.app.cli_evaluate import evaluate
+from ruledgraph.app.cli_simulate import simulate
 from ruledgraph.app.options import calibration_options, recording_options
 from ruledgraph.core.errors import RuledgraphError
 
 
 class _Group(click.Group):
-    """Turns the package's errors into one line and exit code 2."""
+    """Turns the package's errors into one line and exit code 2; lists commands by workflow."""
+
+    def list_commands(self, _: click.Context) -> list[str]:
+        workflow = ("simulate", "info", "smooth", "batch", "evaluate", "report", "export")
+        first = [name for name in workflow if name in self.commands]
+        return [*first, *sorted(self.commands.keys() - set(first))]
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -38,7 +45,11 @@ def _print_version(context: click.Context, _option: click.Parameter, wanted: boo
         context.exit()
 
 
-@click.group(cls=_Group, no_args_is_help=True)
+@click.group(
+    cls=_Group,
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 @click.option(
     "--version",
     is_flag=True,
@@ -109,98 +120,6 @@ def export(recording: Path, out: Path, kind: Any, **choice: Any) -> None:
     click.echo(f"{out}: {report.frames.count} frames, {report.imu.count} IMU samples")
 
 
-def _list_simulations(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
-    if wanted:
-        from ruledgraph.simulation.options import catalogue
-
-        click.echo(catalogue())
-        context.exit()
-
-
-@main.command()
-@click.argument("scene")
-@click.argument("motion")
-@click.argument("out", type=click.Path(path_type=Path), required=False)
-@click.option(
-    "--list",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_list_simulations,
-    help="Show all scenes and motions.",
-)
-@click.option(
-    "--format",
-    "kind",
-    type=click.Choice(["rosbag1", "rosbag2", "mcap", "asl"]),
-    help="Of OUT, by default what its suffix says.",
-)
-@click.option(
-    "--preview",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="PNG",
-    help="Write a contact sheet; OUT may then be left out.",
-)
-@click.option("--duration", type=float, help="Seconds; by default 12, or all of a measured motion.")
-@click.option("--start", type=float, default=0.0, help="Where in a measured motion to begin, s.")
-@click.option(
-    "--moving-start", is_flag=True, help="Start at full speed, not with a second of rest."
-)
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of all randomness.")
-@click.option(
-    "--calibration",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Camera, IMU and mounting; by default like a RealSense D435i.",
-)
-@click.option("--resolution", metavar="WxH", help="Of the images, by default the calibration's.")
-@click.option("--rate", type=float, default=90.0, show_default=True, help="Frames a second.")
-@click.option(
-    "--imu",
-    metavar="d435i|euroc|none|FILE",
-    help="Noise, or EuRoC's imu0.csv that goes with a measured motion.",
-)
-@click.option("--imu-rate", type=float, default=200.0, show_default=True, help="Samples a second.")
-def simulate(
-    scene: str, motion: str, out: Path | None, kind: Any, preview: Path | None, **options: Any
-) -> None:
-    """Simulate a recording of a SCENE along a MOTION, with ground truth.
-
-    OUT is a .bag (ROS 1), an .mcap, or a folder, and must not exist. Beside it come the
-    calibration (.calib.yaml), the true poses (.gt.tum) and the scene's lines (.lines.csv). MOTION
-    may be a TUM file or EuRoC's CSV of a real flight; the room is then built around it.
-
-    \b
-    Examples:
-      ruledgraph simulate --list
-      ruledgraph simulate square_cluttered circular-tilted-rot-x sim.bag
-      ruledgraph simulate room flight/groundtruth.csv flight.bag --imu flight/imu0.csv --rate 20
-    """
-    from ruledgraph.simulation.options import kind_of, simulation_from_options
-    from ruledgraph.simulation.write import (
-        Files,
-        check_free,
-        write_contact_sheet,
-        write_with_progress,
-    )
-
-    if out is None and preview is None:
-        raise click.UsageError("name OUT, or --preview for a contact sheet alone")
-    if out:
-        kind = kind_of(out, kind)
-        check_free(*Files.beside(out))
-    if preview:
-        check_free(preview)
-    simulation = simulation_from_options(scene, motion, **options)
-    if preview:
-        write_contact_sheet(simulation, preview)
-        click.echo(str(preview))
-    if out:
-        files = write_with_progress(simulation, out, kind)
-        for path in files:
-            click.echo(str(path))
-
-
 @main.command()
 @click.argument("recording", type=click.Path(path_type=Path))
 @calibration_options
@@ -232,6 +151,19 @@ def simulate(
     help="Write a file for the Rerun viewer; needs rerun-sdk.",
 )
 @click.option(
+    "--ros2-bag",
+    type=click.Path(path_type=Path),
+    metavar="MCAP",
+    help="Write poses, path, transforms and lines as ROS 2 messages into an MCAP file.",
+)
+@click.option(
+    "--trajectory-format",
+    "formats",
+    type=click.Choice(["kitti", "euroc"]),
+    multiple=True,
+    help="Write the trajectories in this format, too; repeat it for both.",
+)
+@click.option(
     "--solver",
     type=click.Choice(["graph", "paper"]),
     default="graph",
@@ -260,68 +192,6 @@ def smooth(recording: Path, **options: Any) -> None:
     gc.freeze()
     gc.enable()
     smooth_command(recording, **options)
-
-
-@main.command()
-@click.argument("estimate", type=click.Path())
-@click.argument("reference", type=click.Path())
-@click.option("--live", is_flag=True, help="Of a run's folder, its trajectory_live.tum.")
-@click.option(
-    "--align",
-    type=click.Choice(["none", "origin", "posyaw", "se3", "sim3"]),
-    default="se3",
-    show_default=True,
-    help="origin: first pose; posyaw: position and yaw.",
-)
-@click.option(
-    "--tolerance", type=float, default=0.01, show_default=True, help="Between paired stamps, s."
-)
-@click.option(
-    "--length",
-    "lengths",
-    type=click.FloatRange(min=0.0, min_open=True),
-    multiple=True,
-    metavar="M",
-    help="Of RPE, m; repeat it for several. By default 1, 2, 5 and 10.",
-)
-@click.option(
-    "--calibration",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Differences by axis are then the camera's, not the body's.",
-)
-@click.option(
-    "--markers",
-    type=click.Path(),
-    metavar="FILE|BAG:/TOPIC",
-    help="Points on true lines, CSV or YAML, named line/marker: how far a run's lines miss them.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@click.option(
-    "--plots", type=click.Path(path_type=Path), metavar="FOLDER", help="Draw evo's plots into it."
-)
-@click.option(
-    "--save",
-    type=click.Path(path_type=Path),
-    metavar="FOLDER",
-    help="Write evo's result files into it, for evo_res.",
-)
-def evaluate(estimate: str, reference: str, **options: Any) -> None:
-    """Compare an ESTIMATE with a REFERENCE: ATE and RPE by evo.
-
-    Both are a TUM file, EuRoC's CSV, KITTI poses and their times as `poses.txt,times.txt`, the
-    results folder of `ruledgraph smooth`, or a topic as `recording.bag:/topic`. Poses are
-    associated as evo_ape does it, by nearest stamps, and errors are those it prints.
-
-    \b
-    Examples:
-      ruledgraph evaluate results/run1 flight.gt.tum
-      ruledgraph evaluate results/run1 flight.bag:/vicon/pose --align posyaw --json
-      ruledgraph evaluate other.tum flight.gt.tum --length 1 --length 10 --save other_evo
-    """
-    from ruledgraph.app.evaluate_command import evaluate_command
-
-    evaluate_command(estimate, reference, **options)
 
 
 @main.command()
@@ -358,6 +228,10 @@ def report(runs: tuple[Path, ...], output: Path, ground_truth: str | None) -> No
 
     write_report(runs, output, read_poses(ground_truth) if ground_truth else None)
     click.echo(str(output))
+
+
+main.add_command(simulate)
+main.add_command(evaluate)
 
 
 @main.command()

@@ -25,7 +25,8 @@ from rich.progress import (
 
 from ruledgraph.app.calibration_choice import calibration_for
 from ruledgraph.app.runner import Progress as RunProgress
-from ruledgraph.app.runner import Solver, Watch, run
+from ruledgraph.app.runner import Record, Solver, Watch, run
+from ruledgraph.app.trajectory_files import TrajectoryFormat
 from ruledgraph.core.config import load_config
 from ruledgraph.core.measurements import Frame
 from ruledgraph.evaluation.ground_truth import read_ground_truth
@@ -53,13 +54,21 @@ def smooth_command(
     settings: Sequence[str],
     plots: bool,
     rerun: Path | None,
+    ros2_bag: Path | None,
+    formats: Sequence[TrajectoryFormat],
     solver: Solver,
     verbose: bool,
     **choice: Any,
 ) -> None:
     """See `ruledgraph smooth --help`."""
     if solver == "paper":
-        given = {"--plots": plots, "--rerun": rerun, "--config and --set": config_file or settings}
+        given = {
+            "--plots": plots,
+            "--rerun": rerun,
+            "--ros2-bag": ros2_bag,
+            "--trajectory-format": formats,
+            "--config and --set": config_file or settings,
+        }
         if unused := next((option for option, value in given.items() if value), None):
             raise click.UsageError(f"{unused}: the paper's solver has none; leave it out")
     config = load_config(config_file, settings)
@@ -82,8 +91,14 @@ def smooth_command(
 
         log = RerunLog(rerun, calibration)
     _tune_process()
+    bag = None
+    if ros2_bag is not None:
+        from ruledgraph.app.ros_output import Ros2Output
+
+        bag = Ros2Output(ros2_bag, calibration)
     watchers = [watcher.watch for watcher in (sketches, log) if watcher is not None]
-    with _progress_bar(frames) as show, log or nullcontext():
+    records = [output.write for output in (log, bag) if output is not None]
+    with _progress_bar(frames) as show, log or nullcontext(), bag or nullcontext():
         summary = run(
             source.stream(),
             calibration,
@@ -93,7 +108,8 @@ def smooth_command(
             ground_truth=truth,
             inputs=_inputs(recording, calibration_files, ground_truth, choice),
             warnings=lambda: source.report.warnings,
-            record=log.write if log else None,
+            record=_record(records) if records else None,
+            formats=formats,
             watch=_each(watchers) if watchers else None,
             on_progress=show,
         )
@@ -102,6 +118,8 @@ def smooth_command(
     _tell(summary, output, verbose)
     if rerun is not None and rerun.exists():
         click.echo(f"for the Rerun viewer: {rerun}")
+    if bag is not None:
+        click.echo(f"for RViz and Foxglove: {bag.path}")
     if plots:
         click.echo(f"on one page: ruledgraph report {shlex.quote(str(output))}")
 
@@ -112,6 +130,14 @@ def _each(watchers: Sequence[Watch]) -> Watch:
             watcher(odometry, frame)
 
     return watch
+
+
+def _record(records: Sequence[Record]) -> Record:
+    def record(*handed_out: Any) -> None:
+        for each in records:
+            each(*handed_out)
+
+    return record
 
 
 def _inputs(

@@ -1,0 +1,70 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The options of `ruledgraph evaluate`."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+
+@click.command()
+@click.argument("estimate", type=click.Path())
+@click.argument("reference", type=click.Path())
+@click.option("--live", is_flag=True, help="Of a run's folder, its trajectory_live.tum.")
+@click.option(
+    "--align",
+    type=click.Choice(["none", "origin", "posyaw", "se3", "sim3"]),
+    default="se3",
+    show_default=True,
+    help="origin: first pose; posyaw: position and yaw.",
+)
+@click.option(
+    "--tolerance", type=float, default=0.01, show_default=True, help="Between paired stamps, s."
+)
+@click.option(
+    "--length",
+    "lengths",
+    type=click.FloatRange(min=0.0, min_open=True),
+    multiple=True,
+    metavar="M",
+    help="Of RPE, m; repeat it for several. By default 1, 2, 5 and 10.",
+)
+@click.option(
+    "--calibration",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Differences by axis are then the camera's, not the body's.",
+)
+@click.option(
+    "--markers",
+    type=click.Path(),
+    metavar="FILE|BAG:/TOPIC",
+    help="Points on true lines, CSV or YAML, named line/marker: how far a run's lines miss them.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.option(
+    "--plots", type=click.Path(path_type=Path), metavar="FOLDER", help="Draw evo's plots into it."
+)
+@click.option(
+    "--save",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Write evo's result files into it, for evo_res.",
+)
+def evaluate(estimate: str, reference: str, **options: Any) -> None:
+    """Compare an ESTIMATE with a REFERENCE: ATE and RPE by evo.
+
+    Both are a TUM file, EuRoC's CSV, KITTI poses and their times as `poses.txt,times.txt`, the
+    results folder of `ruledgraph smooth`, or a topic as `recording.bag:/topic`. Poses are
+    associated as evo_ape does it, by nearest stamps, and errors are those it prints.
+
+    \b
+    Examples:
+      ruledgraph evaluate results/run1 flight.gt.tum
+      ruledgraph evaluate results/run1 flight.bag:/vicon/pose --align posyaw --json
+      ruledgraph evaluate other.tum flight.gt.tum --length 1 --length 10 --save other_evo
+    """
+    from ruledgraph.app.evaluate_command import evaluate_command
+
+    evaluate_command(estimate, reference, **options)

@@ -1,0 +1,100 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The options of `ruledgraph simulate`."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+
+def _list_simulations(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from ruledgraph.simulation.options import catalogue
+
+        click.echo(catalogue())
+        context.exit()
+
+
+@click.command()
+@click.argument("scene")
+@click.argument("motion")
+@click.argument("out", type=click.Path(path_type=Path), required=False)
+@click.option(
+    "--list",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_list_simulations,
+    help="Show all scenes and motions.",
+)
+@click.option(
+    "--format",
+    "kind",
+    type=click.Choice(["rosbag1", "rosbag2", "mcap", "asl"]),
+    help="Of OUT, by default what its suffix says.",
+)
+@click.option(
+    "--preview",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="PNG",
+    help="Write a contact sheet; OUT may then be left out.",
+)
+@click.option("--duration", type=float, help="Seconds; by default 12, or all of a measured motion.")
+@click.option("--start", type=float, default=0.0, help="Where in a measured motion to begin, s.")
+@click.option(
+    "--moving-start", is_flag=True, help="Start at full speed, not with a second of rest."
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of all randomness.")
+@click.option(
+    "--calibration",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Camera, IMU and mounting; by default like a RealSense D435i.",
+)
+@click.option("--resolution", metavar="WxH", help="Of the images, by default the calibration's.")
+@click.option("--rate", type=float, default=90.0, show_default=True, help="Frames a second.")
+@click.option(
+    "--imu",
+    metavar="d435i|euroc|none|FILE",
+    help="Noise, or EuRoC's imu0.csv that goes with a measured motion.",
+)
+@click.option("--imu-rate", type=float, default=200.0, show_default=True, help="Samples a second.")
+def simulate(
+    scene: str, motion: str, out: Path | None, kind: Any, preview: Path | None, **options: Any
+) -> None:
+    """Simulate a recording of a SCENE along a MOTION, with ground truth.
+
+    OUT is a .bag (ROS 1), an .mcap, or a folder, and must not exist. Beside it come the
+    calibration (.calib.yaml), the true poses (.gt.tum) and the scene's lines (.lines.csv). MOTION
+    may be a TUM file or EuRoC's CSV of a real flight; the room is then built around it.
+
+    \b
+    Examples:
+      ruledgraph simulate --list
+      ruledgraph simulate square_cluttered circular-tilted-rot-x sim.bag
+      ruledgraph simulate room flight/groundtruth.csv flight.bag --imu flight/imu0.csv --rate 20
+    """
+    from ruledgraph.simulation.options import kind_of, simulation_from_options
+    from ruledgraph.simulation.write import (
+        Files,
+        check_free,
+        write_contact_sheet,
+        write_with_progress,
+    )
+
+    if out is None and preview is None:
+        raise click.UsageError("name OUT, or --preview for a contact sheet alone")
+    if out:
+        kind = kind_of(out, kind)
+        check_free(*Files.beside(out))
+    if preview:
+        check_free(preview)
+    simulation = simulation_from_options(scene, motion, **options)
+    if preview:
+        write_contact_sheet(simulation, preview)
+        click.echo(str(preview))
+    if out:
+        files = write_with_progress(simulation, out, kind)
+        for path in files:
+            click.echo(str(path))
