@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from ruledgraph.app.cli_batch import batch
 from ruledgraph.app.cli_evaluate import evaluate
 from ruledgraph.app.cli_simulate import simulate
 from ruledgraph.app.options import calibration_options, recording_options
@@ -231,6 +232,7 @@ def report(runs: tuple[Path, ...], output: Path, ground_truth: str | None) -> No
 
 
 main.add_command(simulate)
+main.add_command(batch)
 main.add_command(evaluate)
 
 

@@ -122,7 +122,7 @@ class Ros2Output(Closing):
     def _marker(self, line: LineEstimate) -> Any:
         no_pose = self._pose(gtsam.Pose3())
         empty = self._new("builtin_interfaces/msg/Duration", 0, 0)
-        kind = self._store.types["visualization_msgs/msg/Marker"]
+        kind: Any = self._store.types["visualization_msgs/msg/Marker"]
         colour = self._new("std_msgs/msg/ColorRGBA", *_COLOUR)
         return kind(
             header=self._header(line.last_stamp, WORLD),
