@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from ruledgraph.app import batch_command
 from ruledgraph.app.batch.jobs import Job, plan
 from ruledgraph.app.batch.store import Store
 from ruledgraph.app.batch.work import Outcome, run_job
@@ -149,37 +150,54 @@ def test_a_recording_by_its_url(tmp_path):
     assert "missing.bag: cannot be fetched" in run_job(job).error
 
 
-def test_a_batch_goes_on_where_it_was(tmp_path):
-    pytest.importorskip("distributed")
+def test_a_batch_goes_on_where_it_was(tmp_path, monkeypatch):
     (tmp_path / "broken.bag").touch()
-    command = [SMALL, "broken.bag", "--seeds", "2", "--output", "out", "--calibration", "c.yaml"]
+    ran: list[Job] = []
 
-    def batch(*more: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "ruledgraph", "batch", *command, *more],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=False,
-        )
+    def run_here(jobs, done, **_):
+        for job in jobs:
+            ran.append(job)
+            done(job, run_job(job))
 
-    first = batch("--jobs", "1")
-    assert first.returncode == 1
-    assert "2 of 3 runs are complete, 1 failed" in first.stdout, first.stderr
-    assert "failed: broken-" in first.stderr
-    assert "broken.bag is empty" in first.stderr
-    assert [line[:4] for line in first.stderr.splitlines() if line[1:2] == "/"] == [
+    monkeypatch.setattr(batch_command, "run_all", run_here)
+    monkeypatch.chdir(tmp_path)
+    command = ["batch", SMALL, "broken.bag", "--seeds", "2", "--output", "out"]
+    command += ["--calibration", "c.yaml"]
+    first = CliRunner().invoke(main, command)
+    assert first.exit_code == 1
+    assert "2 of 3 runs are complete, 1 failed" in first.output
+    assert "broken.bag is empty" in first.output
+    assert [line[:4] for line in first.output.splitlines() if line[1:2] == "/"] == [
         "1/3 ",
         "2/3 ",
         "3/3 ",
     ]
-    folders = [path for path in (tmp_path / "out").iterdir() if path.name.startswith("non")]
-    assert [len(read_tum(folder / "trajectory.tum")) > 20 for folder in folders] == [True] * 2
-    stamps = [(folder / "summary.json").stat().st_mtime_ns for folder in folders]
-    second = batch("--jobs", "1")
-    assert "2 of 3 runs are there already" in second.stdout
-    assert [(folder / "summary.json").stat().st_mtime_ns for folder in folders] == stamps
+    for job in ran[:2]:
+        assert len(read_tum(tmp_path / "out" / job.name / "trajectory.tum")) > 20
+    assert (tmp_path / "out" / "table.md").read_text().count("\n|") == 4
+    second = CliRunner().invoke(main, command)
+    assert "2 of 3 runs are there already" in second.output
+    # The one that failed is tried again; --force does all again.
+    assert [job.recording for job in ran[3:]] == ["broken.bag"]
+    CliRunner().invoke(main, [*command, "--force"])
+    assert len(ran) == 7
+
+
+def test_a_batch_on_this_machines_cores(tmp_path):
+    pytest.importorskip("distributed")
+    (tmp_path / "broken.bag").touch()
+    result = subprocess.run(
+        [sys.executable, "-m", "ruledgraph", "batch", SMALL, "broken.bag", "--jobs", "1"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert result.returncode == 1
+    assert "1 of 2 runs are complete, 1 failed" in result.stdout, result.stderr
+    assert "Traceback" not in result.stderr
+    assert (tmp_path / "results" / "batch" / "table.csv").read_text().count("\n") == 3
 
 
 def test_without_dask_it_says_what_to_install(monkeypatch, tmp_path):
@@ -205,7 +223,7 @@ def test_a_worker_dies_and_all_results_are_there(tmp_path):
         while not file.exists() and time.monotonic() < stop:
             time.sleep(0.05)
         address = json.loads(file.read_text())["address"]
-        jobs = planned(SMALL, seeds=5)
+        jobs = planned(SMALL, seeds=4)
         outcomes: dict[str, Outcome] = {}
 
         def done(job, outcome):
