@@ -14,7 +14,13 @@ import click
 from ruledgraph.app.cli_batch import batch
 from ruledgraph.app.cli_evaluate import evaluate
 from ruledgraph.app.cli_simulate import simulate
-from ruledgraph.app.options import calibration_options, recording_options
+from ruledgraph.app.options import (
+    calibration_options,
+    force_option,
+    format_option,
+    make_way,
+    recording_options,
+)
 from ruledgraph.core.errors import RuledgraphError
 
 
@@ -94,26 +100,25 @@ def info(recording: Path, **options: Any) -> None:
 @main.command()
 @click.argument("recording", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
-@click.option(
-    "--format",
-    "kind",
-    type=click.Choice(["rosbag1", "rosbag2", "mcap", "asl"]),
-    required=True,
-    help="rosbag2 is a folder with an sqlite3 file, asl a folder as of EuRoC.",
-)
+@format_option
+@force_option
 @recording_options
-def export(recording: Path, out: Path, kind: Any, **choice: Any) -> None:
+def export(recording: Path, out: Path, kind: Any, force: bool, **choice: Any) -> None:
     """Write the camera and the IMU of a RECORDING to OUT in another format.
 
-    Frames are written grey, 8 bit, without loss. OUT must not exist.
+    Frames are written grey, 8 bit, without loss. OUT must not exist, but for --force.
 
     \b
-    Example:
+    Examples:
+      ruledgraph export flight.bag flight.mcap
       ruledgraph export flight.bag flight_euroc --format asl
     """
-    from ruledgraph.recording import open_recording, write_recording
+    from ruledgraph.recording import kind_of, open_recording, write_recording
 
+    kind = kind_of(out, kind)
     source = open_recording(recording, **choice)
+    if force and out.resolve() != recording.resolve():
+        make_way(out)
     write_recording(source.stream(), out, kind)
     for warning in source.report.warnings:
         click.echo(f"warning: {warning}", err=True)
@@ -171,6 +176,7 @@ def export(recording: Path, out: Path, kind: Any, **choice: Any) -> None:
     show_default=True,
     help="The factor graph, or the paper's own solver as a baseline: slow, four lines.",
 )
+@force_option
 @click.option("-v", "--verbose", is_flag=True, help="Say more: all warnings, stage timings.")
 @recording_options
 def smooth(recording: Path, **options: Any) -> None:

@@ -7,6 +7,8 @@ from typing import Any
 
 import click
 
+from ruledgraph.app.options import force_option, format_option, make_way
+
 
 def _list_simulations(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
     if wanted:
@@ -28,12 +30,8 @@ def _list_simulations(context: click.Context, _option: click.Parameter, wanted: 
     callback=_list_simulations,
     help="Show all scenes and motions.",
 )
-@click.option(
-    "--format",
-    "kind",
-    type=click.Choice(["rosbag1", "rosbag2", "mcap", "asl"]),
-    help="Of OUT, by default what its suffix says.",
-)
+@format_option
+@force_option
 @click.option(
     "--preview",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -61,13 +59,19 @@ def _list_simulations(context: click.Context, _option: click.Parameter, wanted: 
 )
 @click.option("--imu-rate", type=float, default=200.0, show_default=True, help="Samples a second.")
 def simulate(
-    scene: str, motion: str, out: Path | None, kind: Any, preview: Path | None, **options: Any
+    scene: str,
+    motion: str,
+    out: Path | None,
+    kind: Any,
+    force: bool,
+    preview: Path | None,
+    **options: Any,
 ) -> None:
     """Simulate a recording of a SCENE along a MOTION, with ground truth.
 
-    OUT is a .bag (ROS 1), an .mcap, or a folder, and must not exist. Beside it come the
-    calibration (.calib.yaml), the true poses (.gt.tum) and the scene's lines (.lines.csv). MOTION
-    may be a TUM file or EuRoC's CSV of a real flight; the room is then built around it.
+    OUT is a .bag (ROS 1), an .mcap, or a folder, and must not exist, but for --force. Beside it
+    come the calibration (.calib.yaml), the true poses (.gt.tum) and the scene's lines (.lines.csv).
+    MOTION may be a TUM file or EuRoC's CSV of a real flight; the room is then built around it.
 
     \b
     Examples:
@@ -75,7 +79,8 @@ def simulate(
       ruledgraph simulate square_cluttered circular-tilted-rot-x sim.bag
       ruledgraph simulate room flight/groundtruth.csv flight.bag --imu flight/imu0.csv --rate 20
     """
-    from ruledgraph.simulation.options import kind_of, simulation_from_options
+    from ruledgraph.recording import kind_of
+    from ruledgraph.simulation.options import simulation_from_options
     from ruledgraph.simulation.write import (
         Files,
         check_free,
@@ -87,8 +92,12 @@ def simulate(
         raise click.UsageError("name OUT, or --preview for a contact sheet alone")
     if out:
         kind = kind_of(out, kind)
+        if force:
+            make_way(*Files.beside(out))
         check_free(*Files.beside(out))
     if preview:
+        if force:
+            make_way(preview)
         check_free(preview)
     simulation = simulation_from_options(scene, motion, **options)
     if preview:

@@ -2,11 +2,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Options that several commands share."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+
+from ruledgraph.core.errors import RuledgraphError
+
+# What tells a folder that a command wrote: results, a ROS 2 bag, an ASL folder.
+_MARKS = ("config.yaml", "metadata.yaml", "mav0")
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -57,3 +63,45 @@ def calibration_options(command: _Command) -> _Command:
     ):
         command = option(command)
     return command
+
+
+def format_option(command: _Command) -> _Command:
+    """The format of a recording that is written."""
+    return click.option(
+        "--format",
+        "kind",
+        type=click.Choice(["rosbag1", "rosbag2", "mcap", "asl"]),
+        help="Of OUT, by default what its suffix says; rosbag2 is a folder with an sqlite3 file, "
+        "asl one as of EuRoC.",
+    )(command)
+
+
+def force_option(command: _Command) -> _Command:
+    """Whether what is there may be overwritten."""
+    return click.option(
+        "--force", is_flag=True, help="Write over what an earlier command wrote there."
+    )(command)
+
+
+def make_way(*paths: Path) -> None:
+    """Remove files, and folders that hold a recording or a run's results, for new ones.
+
+    Raises:
+        RuledgraphError: for a folder of anything else, and what cannot be removed.
+    """
+    for path in paths:
+        _remove(path)
+
+
+def _remove(path: Path) -> None:
+    try:
+        if not path.is_dir() or path.is_symlink():
+            path.unlink(missing_ok=True)
+            return
+        if any(path.iterdir()) and not any((path / mark).exists() for mark in _MARKS):
+            raise RuledgraphError(
+                f"{path}: holds neither a recording nor results; --force leaves it alone"
+            )
+        shutil.rmtree(path)
+    except OSError as error:
+        raise RuledgraphError(f"{path}: cannot be removed: {error.strerror}") from None

@@ -5,7 +5,7 @@
 import ctypes
 import shlex
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from datetime import datetime
 from pathlib import Path
@@ -24,14 +24,16 @@ from rich.progress import (
 )
 
 from ruledgraph.app.calibration_choice import calibration_for
+from ruledgraph.app.options import make_way
 from ruledgraph.app.runner import Progress as RunProgress
 from ruledgraph.app.runner import Record, Solver, Watch, run
 from ruledgraph.app.trajectory_files import TrajectoryFormat
+from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import load_config
-from ruledgraph.core.measurements import Frame
+from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.evaluation.ground_truth import read_ground_truth
 from ruledgraph.odometry import Odometry
-from ruledgraph.recording import Recording, open_recording
+from ruledgraph.recording import Recording, RecordingError, check_frame_size, open_recording
 
 _FEW_WARNINGS = 5
 # Of glibc's malloc.h.
@@ -57,6 +59,7 @@ def smooth_command(
     ros2_bag: Path | None,
     formats: Sequence[TrajectoryFormat],
     solver: Solver,
+    force: bool,
     verbose: bool,
     **choice: Any,
 ) -> None:
@@ -78,6 +81,8 @@ def smooth_command(
     if output is None:
         time = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
         output = Path("results") / f"{recording.resolve().stem}-{time}"
+    if force:
+        make_way(*(path for path in (output, ros2_bag) if path is not None))
     sketches = None
     if plots:
         from ruledgraph.visualization.plots import Sketches
@@ -100,7 +105,7 @@ def smooth_command(
     records = [output.write for output in (log, bag) if output is not None]
     with _progress_bar(frames) as show, log or nullcontext(), bag or nullcontext():
         summary = run(
-            source.stream(),
+            _of_its_size(source.stream(), calibration, calibration_files),
             calibration,
             config,
             output,
@@ -130,6 +135,24 @@ def _each(watchers: Sequence[Watch]) -> Watch:
             watcher(odometry, frame)
 
     return watch
+
+
+def _of_its_size(
+    measurements: Iterable[Measurement], calibration: Calibration, files: Sequence[Path]
+) -> Iterator[Measurement]:
+    """The same, after a look at the first frame: here the calibration's files are known."""
+    rest = iter(measurements)
+    for measurement in rest:
+        if isinstance(measurement, Frame):
+            try:
+                check_frame_size(measurement, calibration.camera)
+            except RecordingError as error:
+                where = ", ".join(map(str, files)) or "the recording's own calibration"
+                raise RecordingError(f"{where}: {error}") from None
+        yield measurement
+        if isinstance(measurement, Frame):
+            break
+    yield from rest
 
 
 def _record(records: Sequence[Record]) -> Record:
