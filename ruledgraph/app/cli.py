@@ -78,7 +78,7 @@ def main() -> None:
     "--plots",
     type=click.Path(path_type=Path),
     metavar="FOLDER",
-    help="Draw its timing and IMU into it.",
+    help="Draw timing and IMU into this folder.",
 )
 def info(recording: Path, **options: Any) -> None:
     """Show what a RECORDING holds, what would be used of it, and whether that will do.
@@ -133,22 +133,28 @@ def export(recording: Path, out: Path, kind: Any, force: bool, **choice: Any) ->
     "--output",
     type=click.Path(path_type=Path),
     metavar="FOLDER",
-    help="Where the results go; by default results/<name>-<time>.",
+    help="Write the results into this folder, by default results/<name>-<time>.",
 )
 @click.option(
     "--ground-truth",
     type=click.Path(),
     metavar="FILE|TOPIC",
-    help="To report errors against.",
+    help="Report errors against these poses.",
 )
 @click.option(
     "--config",
     "config_file",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Settings, YAML.",
+    help="Read settings from this YAML file.",
 )
-@click.option("--set", "settings", multiple=True, metavar="SECTION.KEY=VALUE", help="One setting.")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="SECTION.KEY=VALUE",
+    help="Change one setting; repeat it for several.",
+)
 @click.option("--plots", is_flag=True, help="Draw pictures of the results.")
 @click.option(
     "--rerun",
@@ -174,7 +180,7 @@ def export(recording: Path, out: Path, kind: Any, force: bool, **choice: Any) ->
     type=click.Choice(["graph", "paper"]),
     default="graph",
     show_default=True,
-    help="The factor graph, or the paper's own solver as a baseline: slow, four lines.",
+    help="Solve with the factor graph, or with the paper's own solver, a slow baseline.",
 )
 @force_option
 @click.option("-v", "--verbose", is_flag=True, help="Say more: all warnings, stage timings.")
@@ -211,7 +217,7 @@ def smooth(recording: Path, **options: Any) -> None:
     metavar="HTML",
     default=Path("report.html"),
     show_default=True,
-    help="The page; must not exist.",
+    help="Write this page, which must not exist.",
 )
 @click.option(
     "--ground-truth",

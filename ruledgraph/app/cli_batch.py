@@ -16,7 +16,7 @@ from ruledgraph.app.options import calibration_options
 @click.option(
     "--ground-truth",
     metavar="FILE|TOPIC",
-    help="To report errors against; {folder} and {stem} stand for the recording's, as they do in "
+    help="Report errors against this; {folder} and {stem} stand for the recording's, as they do in "
     "--calibration.",
 )
 @click.option(
@@ -24,14 +24,14 @@ from ruledgraph.app.options import calibration_options
     "config_file",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Settings of all runs, YAML.",
+    help="Read settings of all runs from this YAML file.",
 )
 @click.option(
     "--set",
     "settings",
     multiple=True,
     metavar="SECTION.KEY=VALUE[,VALUE ...]",
-    help="One setting; several values are all tried.",
+    help="Change one setting; of several values each is tried.",
 )
 @click.option(
     "--seeds",
@@ -59,7 +59,7 @@ from ruledgraph.app.options import calibration_options
     metavar="FOLDER",
     default=Path("results/batch"),
     show_default=True,
-    help="Where the results go; runs that are complete there are not run again.",
+    help="Write the results into this folder; runs that are complete there are not run again.",
 )
 @click.option("--force", is_flag=True, help="Run again what is complete.")
 def batch(recordings: tuple[str, ...], **options: Any) -> None:

@@ -11,16 +11,20 @@ import click
 @click.command()
 @click.argument("estimate", type=click.Path())
 @click.argument("reference", type=click.Path())
-@click.option("--live", is_flag=True, help="Of a run's folder, its trajectory_live.tum.")
+@click.option("--live", is_flag=True, help="Evaluate trajectory_live.tum of a run's folder.")
 @click.option(
     "--align",
     type=click.Choice(["none", "origin", "posyaw", "se3", "sim3"]),
     default="se3",
     show_default=True,
-    help="origin: first pose; posyaw: position and yaw.",
+    help="Align by the first pose (origin), position and yaw (posyaw), SE(3) or Sim(3).",
 )
 @click.option(
-    "--tolerance", type=float, default=0.01, show_default=True, help="Between paired stamps, s."
+    "--tolerance",
+    type=float,
+    default=0.01,
+    show_default=True,
+    help="Pair stamps at most so far apart, s.",
 )
 @click.option(
     "--length",
@@ -28,29 +32,32 @@ import click
     type=click.FloatRange(min=0.0, min_open=True),
     multiple=True,
     metavar="M",
-    help="Of RPE, m; repeat it for several. By default 1, 2, 5 and 10.",
+    help="Compute RPE over this length; repeat it for several. By default 1, 2, 5 and 10 m.",
 )
 @click.option(
     "--calibration",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Differences by axis are then the camera's, not the body's.",
+    help="Show differences by axis of this camera, not of the body.",
 )
 @click.option(
     "--markers",
     type=click.Path(),
     metavar="FILE|BAG:/TOPIC",
-    help="Points on true lines, CSV or YAML, named line/marker: how far a run's lines miss them.",
+    help="Show how far lines miss these points of true ones, CSV or YAML, named line/marker.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option(
-    "--plots", type=click.Path(path_type=Path), metavar="FOLDER", help="Draw evo's plots into it."
+    "--plots",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Draw evo's plots into this folder.",
 )
 @click.option(
     "--save",
     type=click.Path(path_type=Path),
     metavar="FOLDER",
-    help="Write evo's result files into it, for evo_res.",
+    help="Write evo's result files into this folder, for evo_res.",
 )
 def evaluate(estimate: str, reference: str, **options: Any) -> None:
     """Compare an ESTIMATE with a REFERENCE: ATE and RPE by evo.

@@ -38,26 +38,47 @@ def _list_simulations(context: click.Context, _option: click.Parameter, wanted: 
     metavar="PNG",
     help="Write a contact sheet; OUT may then be left out.",
 )
-@click.option("--duration", type=float, help="Seconds; by default 12, or all of a measured motion.")
-@click.option("--start", type=float, default=0.0, help="Where in a measured motion to begin, s.")
+@click.option(
+    "--duration",
+    type=float,
+    help="Simulate so many seconds, by default 12, or all of a measured motion.",
+)
+@click.option(
+    "--start",
+    type=float,
+    default=0.0,
+    help="Begin so many seconds after the beginning of a measured motion.",
+)
 @click.option(
     "--moving-start", is_flag=True, help="Start at full speed, not with a second of rest."
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of all randomness.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, help="Draw all randomness from this seed."
+)
 @click.option(
     "--calibration",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Camera, IMU and mounting; by default like a RealSense D435i.",
+    help="Take camera, IMU and mounting from this file; by default like a RealSense D435i.",
 )
-@click.option("--resolution", metavar="WxH", help="Of the images, by default the calibration's.")
-@click.option("--rate", type=float, default=90.0, show_default=True, help="Frames a second.")
+@click.option(
+    "--resolution", metavar="WxH", help="Render images of this size, by default the calibration's."
+)
+@click.option(
+    "--rate", type=float, default=90.0, show_default=True, help="Render so many frames a second."
+)
 @click.option(
     "--imu",
     metavar="d435i|euroc|none|FILE",
-    help="Noise, or EuRoC's imu0.csv that goes with a measured motion.",
+    help="Take this IMU's noise, or EuRoC's imu0.csv that goes with a measured motion.",
 )
-@click.option("--imu-rate", type=float, default=200.0, show_default=True, help="Samples a second.")
+@click.option(
+    "--imu-rate",
+    type=float,
+    default=200.0,
+    show_default=True,
+    help="Sample the IMU so often a second.",
+)
 def simulate(
     scene: str,
     motion: str,

@@ -21,14 +21,16 @@ def recording_options(command: _Command) -> _Command:
     """Which topics of a recording to use, and which stretch of it."""
     for option in reversed(
         (
-            click.option("--image-topic", metavar="TOPIC", help="The camera's topic."),
-            click.option("--imu-topic", metavar="TOPIC", help="The IMU's topic."),
+            click.option("--image-topic", metavar="TOPIC", help="Read images from this topic."),
+            click.option("--imu-topic", metavar="TOPIC", help="Read the IMU from this topic."),
             click.option(
                 "--gyroscope-topic",
                 metavar="TOPIC",
-                help="The gyroscope's topic, when the accelerometer has one of its own.",
+                help="Read the gyroscope from this topic, when the accelerometer has another.",
             ),
-            click.option("--accelerometer-topic", metavar="TOPIC", help="The accelerometer's."),
+            click.option(
+                "--accelerometer-topic", metavar="TOPIC", help="Read the accelerometer from it."
+            ),
             click.option("--start", type=float, help="Begin so many seconds after the beginning."),
             click.option("--duration", type=float, help="Read so many seconds."),
         )
@@ -47,11 +49,13 @@ def calibration_options(command: _Command) -> _Command:
                 type=click.Path(path_type=Path),
                 multiple=True,
                 metavar="FILE",
-                help="Kalibr YAML, EuRoC sensor.yaml or its folder; repeat it for camera and IMU "
-                "files. A bag with camera_info and /tf_static can do without.",
+                help="Read Kalibr YAML, EuRoC sensor.yaml or its folder; repeat it for camera and "
+                "IMU files. A bag with camera_info and /tf_static can do without.",
             ),
             click.option(
-                "--camera", metavar="NAME", help="Which of the calibration's cameras, such as cam0."
+                "--camera",
+                metavar="NAME",
+                help="Use this one of the calibration's cameras, such as cam0.",
             ),
             click.option(
                 "--imu",
@@ -71,8 +75,8 @@ def format_option(command: _Command) -> _Command:
         "--format",
         "kind",
         type=click.Choice(["rosbag1", "rosbag2", "mcap", "asl"]),
-        help="Of OUT, by default what its suffix says; rosbag2 is a folder with an sqlite3 file, "
-        "asl one as of EuRoC.",
+        help="Write this format, by default what OUT's suffix says; rosbag2 is a folder with an "
+        "sqlite3 file, asl one as of EuRoC.",
     )(command)
 
 

@@ -60,7 +60,7 @@ def test_an_option_means_the_same_everywhere(option: str) -> None:
 @pytest.mark.parametrize(("command", "option"), _options(), ids=lambda x: getattr(x, "name", x))
 def test_an_options_help_is_a_sentence(command: str, option: click.Option) -> None:  # noqa: ARG001
     assert option.help is not None
-    assert option.help[0].isupper() or option.help[0].isdigit() or option.help.startswith("rosbag2")
+    assert option.help[0].isupper()
     assert option.help.endswith(".")
 
 
