@@ -12,7 +12,7 @@ import click
 from ruledgraph.core.errors import RuledgraphError
 
 # What tells a folder that a command wrote: results, a ROS 2 bag, an ASL folder.
-_MARKS = ("config.yaml", "metadata.yaml", "mav0")
+_MARKS = ("trajectory_live.tum", "*.db3", "mav0")
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -102,7 +102,7 @@ def _remove(path: Path) -> None:
         if not path.is_dir() or path.is_symlink():
             path.unlink(missing_ok=True)
             return
-        if any(path.iterdir()) and not any((path / mark).exists() for mark in _MARKS):
+        if any(path.iterdir()) and not any(any(path.glob(mark)) for mark in _MARKS):
             raise RuledgraphError(
                 f"{path}: holds neither a recording nor results; --force leaves it alone"
             )

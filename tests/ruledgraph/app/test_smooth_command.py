@@ -122,7 +122,7 @@ def test_results_are_overwritten_by_force_alone(recording, tmp_path):
     arguments = (recording / "small.bag", "--calibration", recording / "calib.yaml")
     output = tmp_path / "run"
     output.mkdir()
-    (output / "config.yaml").touch()
+    (output / "trajectory_live.tum").touch()
     (output / "old.txt").touch()
     arguments += ("--output", output)
     assert smooth(*arguments).exit_code == 2
