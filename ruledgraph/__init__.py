@@ -5,18 +5,27 @@
 recording = ruledgraph.open_recording("flight.bag")
 calibration = ruledgraph.read_calibration("calib.yaml")
 for estimate in ruledgraph.smooth(recording.stream(), calibration):
-    print(estimate.stamp, estimate.world_T_body.translation())
+    print(estimate.stamp, estimate.position)
 """
 
+import logging
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ruledgraph.calibration import read_calibration as read_calibration
     from ruledgraph.calibration.sensors import Calibration as Calibration
+    from ruledgraph.calibration.sensors import CameraModel as CameraModel
+    from ruledgraph.calibration.sensors import ImuNoise as ImuNoise
     from ruledgraph.core.config import Config as Config
+    from ruledgraph.core.errors import RuledgraphError as RuledgraphError
     from ruledgraph.core.estimates import Estimate as Estimate
+    from ruledgraph.core.measurements import Frame as Frame
+    from ruledgraph.core.measurements import ImuSample as ImuSample
     from ruledgraph.core.settings import load_config as load_config
+    from ruledgraph.core.trajectory import Trajectory as Trajectory
+    from ruledgraph.core.trajectory import read_tum as read_tum
+    from ruledgraph.live import LiveOdometry as LiveOdometry
     from ruledgraph.odometry import Odometry as Odometry
     from ruledgraph.odometry import smooth as smooth
     from ruledgraph.recording import open_recording as open_recording
@@ -25,15 +34,26 @@ if TYPE_CHECKING:
 
 _LAZY = {
     "Calibration": "calibration.sensors",
+    "CameraModel": "calibration.sensors",
     "Config": "core.config",
     "Estimate": "core.estimates",
+    "Frame": "core.measurements",
+    "ImuNoise": "calibration.sensors",
+    "ImuSample": "core.measurements",
+    "LiveOdometry": "live",
     "Odometry": "odometry",
+    "RuledgraphError": "core.errors",
+    "Trajectory": "core.trajectory",
     "load_config": "core.settings",
     "open_recording": "recording",
     "read_calibration": "calibration",
+    "read_tum": "core.trajectory",
     "smooth": "odometry",
 }
 __all__ = ["__version__", *_LAZY]
+
+# Warnings are for programs that set up logging; the command prints its own.
+logging.getLogger("ruledgraph").addHandler(logging.NullHandler())
 
 
 def __getattr__(name: str) -> Any:

@@ -72,6 +72,11 @@ class Odometry(Output):
         return None if self._segment is None else self._segment.window
 
     @property
+    def refusal(self) -> str:
+        """Why the last attempt to start failed; empty after a start."""
+        return self._initializer.refusal
+
+    @property
     def time_offset(self) -> TimeOffset:
         """t_imu - t_cam, s, as last known; without deviation when it is not estimated."""
         return self._stages.clock.offset

@@ -2,11 +2,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Options that several commands share."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+
+from ruledgraph.core.errors import RuledgraphError
+
+# What tells a folder that a command wrote: results, a ROS 2 bag, an ASL folder.
+_MARKS = ("trajectory_live.tum", "*.db3", "mav0")
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -15,14 +21,16 @@ def recording_options(command: _Command) -> _Command:
     """Which topics of a recording to use, and which stretch of it."""
     for option in reversed(
         (
-            click.option("--image-topic", metavar="TOPIC", help="The camera's topic."),
-            click.option("--imu-topic", metavar="TOPIC", help="The IMU's topic."),
+            click.option("--image-topic", metavar="TOPIC", help="Read images from this topic."),
+            click.option("--imu-topic", metavar="TOPIC", help="Read the IMU from this topic."),
             click.option(
                 "--gyroscope-topic",
                 metavar="TOPIC",
-                help="The gyroscope's topic, when the accelerometer has one of its own.",
+                help="Read the gyroscope from this topic, when the accelerometer has another.",
             ),
-            click.option("--accelerometer-topic", metavar="TOPIC", help="The accelerometer's."),
+            click.option(
+                "--accelerometer-topic", metavar="TOPIC", help="Read the accelerometer from it."
+            ),
             click.option("--start", type=float, help="Begin so many seconds after the beginning."),
             click.option("--duration", type=float, help="Read so many seconds."),
         )
@@ -41,11 +49,13 @@ def calibration_options(command: _Command) -> _Command:
                 type=click.Path(path_type=Path),
                 multiple=True,
                 metavar="FILE",
-                help="Kalibr YAML, EuRoC sensor.yaml or its folder; repeat it for camera and IMU "
-                "files. A bag with camera_info and /tf_static can do without.",
+                help="Read Kalibr YAML, EuRoC sensor.yaml or its folder; repeat it for camera and "
+                "IMU files. A bag with camera_info and /tf_static can do without.",
             ),
             click.option(
-                "--camera", metavar="NAME", help="Which of the calibration's cameras, such as cam0."
+                "--camera",
+                metavar="NAME",
+                help="Use this one of the calibration's cameras, such as cam0.",
             ),
             click.option(
                 "--imu",
@@ -57,3 +67,45 @@ def calibration_options(command: _Command) -> _Command:
     ):
         command = option(command)
     return command
+
+
+def format_option(command: _Command) -> _Command:
+    """The format of a recording that is written."""
+    return click.option(
+        "--format",
+        "kind",
+        type=click.Choice(["rosbag1", "rosbag2", "mcap", "asl"]),
+        help="Write this format, by default what OUT's suffix says; rosbag2 is a folder with an "
+        "sqlite3 file, asl one as of EuRoC.",
+    )(command)
+
+
+def force_option(command: _Command) -> _Command:
+    """Whether what is there may be overwritten."""
+    return click.option(
+        "--force", is_flag=True, help="Write over what an earlier command wrote there."
+    )(command)
+
+
+def make_way(*paths: Path) -> None:
+    """Remove files, and folders that hold a recording or a run's results, for new ones.
+
+    Raises:
+        RuledgraphError: for a folder of anything else, and what cannot be removed.
+    """
+    for path in paths:
+        _remove(path)
+
+
+def _remove(path: Path) -> None:
+    try:
+        if not path.is_dir() or path.is_symlink():
+            path.unlink(missing_ok=True)
+            return
+        if any(path.iterdir()) and not any(any(path.glob(mark)) for mark in _MARKS):
+            raise RuledgraphError(
+                f"{path}: holds neither a recording nor results; --force leaves it alone"
+            )
+        shutil.rmtree(path)
+    except OSError as error:
+        raise RuledgraphError(f"{path}: cannot be removed: {error.strerror}") from None

@@ -11,11 +11,13 @@ from typing import Any, TextIO
 
 import numpy as np
 
+from ruledgraph.app.line_files import write_obj, write_ply
+from ruledgraph.app.trajectory_files import TRAJECTORY_FORMATS, TrajectoryFormat
 from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.settings import config_text
-from ruledgraph.core.trajectory import TumWriter, seconds
+from ruledgraph.core.trajectory import FloatArray, TumWriter, seconds
 from ruledgraph_factors import STANDARD_GRAVITY
 
 _AXES = "xyz"
@@ -59,13 +61,17 @@ class Results:
     - `states.csv`: at each knot when it was new: velocity, biases, gravity, standard deviations
       (rotation and position in the body frame), time offset, lines in view, status, segment;
     - `lines.csv`: end points in the world, their covariance, first and last stamp, edge points;
+      `lines.ply` and `lines.obj`, at the end, hold the same segments;
+    - `formats`: both trajectories in these formats, too, see `trajectory_files`;
     - `config.yaml`: the settings in effect; `summary.json`: see `summarize`.
 
     Raises:
         ResultsError: when the folder exists and holds something, or cannot be made.
     """
 
-    def __init__(self, folder: Path, config: Config) -> None:
+    def __init__(
+        self, folder: Path, config: Config, formats: Sequence[TrajectoryFormat] = ()
+    ) -> None:
         self.folder = folder
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -76,6 +82,10 @@ class Results:
             self._smoothed = TumWriter(folder / "trajectory.tum")
             self._states_file, self._states = _table(folder / "states.csv", _STATE_COLUMNS)
             self._lines_file, self._lines = _table(folder / "lines.csv", _LINE_COLUMNS)
+            kinds = [TRAJECTORY_FORMATS[name] for name in formats]
+            self._more_live = [kind(folder, "trajectory_live") for kind in kinds]
+            self._more_smoothed = [kind(folder, "trajectory") for kind in kinds]
+            self._ends: list[FloatArray] = []
         except OSError as error:
             raise ResultsError(f"{folder}: cannot be written: {error.strerror}") from None
 
@@ -88,12 +98,17 @@ class Results:
         """Append."""
         for estimate in live:
             self._live.append(estimate.stamp, estimate.world_T_body)
+            for file in self._more_live:
+                file.append(estimate)
             if estimate.at_knot:
                 self._states.writerow(_state_row(estimate))
         for estimate in smoothed:
             self._smoothed.append(estimate.stamp, estimate.world_T_body)
+            for file in self._more_smoothed:
+                file.append(estimate)
         for line in lines:
             self._lines.writerow(_line_row(line))
+            self._ends.append(line.ends)
 
     def summarize(self, summary: dict[str, Any]) -> None:
         """Write `summary.json`."""
@@ -111,6 +126,11 @@ class Results:
     ) -> None:
         for file in (self._live, self._smoothed, self._states_file, self._lines_file):
             file.close()
+        for more in (*self._more_live, *self._more_smoothed):
+            more.close()
+        ends = np.reshape(self._ends, (-1, 2, 3))
+        write_ply(self.folder / "lines.ply", ends)
+        write_obj(self.folder / "lines.obj", ends)
 
 
 def _table(path: Path, columns: list[str]) -> tuple[TextIO, Any]:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from ruledgraph.app.results import Results
+from ruledgraph.app.trajectory_files import TrajectoryFormat
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError
@@ -83,6 +84,7 @@ def run(
     warnings: Callable[[], list[str]] = list,
     causes: Callable[[], list[str]] = list,
     record: Record | None = None,
+    formats: Sequence[TrajectoryFormat] = (),
     watch: Watch | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> dict[str, Any]:
@@ -99,6 +101,7 @@ def run(
         warnings: asked at the end for what the recording's reader has to say.
         causes: asked at the end, when few frames were estimated, for what it may come from.
         record: is handed what is written, as it comes.
+        formats: of trajectories, beside TUM's.
         watch: sees the factor graph's odometry when it has been given a frame; what it has
             processed may be the frame before, see `FrameQueue`.
         on_progress: called after each frame.
@@ -116,7 +119,7 @@ def run(
     tally = _Tally()
     ended = "complete"
     started = clock.perf_counter()
-    with Results(output, config) as results:
+    with Results(output, config, formats) as results:
         writers = [results.write, *([record] if record is not None else [])]
         try:
             with reading as taken:

@@ -6,7 +6,7 @@ import ctypes
 import dataclasses
 import sys
 import time as clock
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from datetime import datetime
 from pathlib import Path
@@ -26,14 +26,17 @@ from rich.progress import (
 
 from ruledgraph.app.calibration_choice import calibration_for
 from ruledgraph.app.likely_causes import likely_causes
+from ruledgraph.app.options import make_way
 from ruledgraph.app.run_summary import summary_text
-from ruledgraph.app.runner import NO_ESTIMATE, Solver, Watch, run
+from ruledgraph.app.runner import NO_ESTIMATE, Record, Solver, Watch, run
 from ruledgraph.app.runner import Progress as RunProgress
-from ruledgraph.core.measurements import Frame
+from ruledgraph.app.trajectory_files import TrajectoryFormat
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.core.settings import load_config
 from ruledgraph.evaluation.ground_truth import read_ground_truth
 from ruledgraph.odometry import Odometry
-from ruledgraph.recording import Recording, open_recording
+from ruledgraph.recording import Recording, RecordingError, check_frame_size, open_recording
 
 _FEW_WARNINGS = 5
 # Between lines of progress where there is no terminal, s.
@@ -64,7 +67,10 @@ def smooth_command(
     directrices: bool,
     video: Path | None,
     rerun: Path | None,
+    ros2_bag: Path | None,
+    formats: Sequence[TrajectoryFormat],
     solver: Solver,
+    force: bool,
     verbose: bool,
     **choice: Any,
 ) -> None:
@@ -74,6 +80,8 @@ def smooth_command(
             "--plots": plots,
             "--video": video,
             "--rerun": rerun,
+            "--ros2-bag": ros2_bag,
+            "--trajectory-format": formats,
             "--config and --set": config_file or settings,
         }
         if unused := next((option for option, value in given.items() if value), None):
@@ -87,6 +95,8 @@ def smooth_command(
     if output is None:
         time = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
         output = Path("results") / f"{recording.resolve().stem}-{time}"
+    if force:
+        make_way(*(path for path in (output, ros2_bag) if path is not None))
     pictures = None
     if plots:
         from ruledgraph.visualization.plots import PlotRecorder
@@ -105,10 +115,21 @@ def smooth_command(
 
         film = Video(video, calibration.camera)
     _tune_process()
+    bag = None
+    if ros2_bag is not None:
+        from ruledgraph.app.ros_output import Ros2Output
+
+        bag = Ros2Output(ros2_bag, calibration)
     watchers = [watcher.watch for watcher in (pictures, log, film) if watcher is not None]
-    with _progress_bar(frames) as show, log or nullcontext(), film or nullcontext():
+    records = [output.write for output in (log, bag) if output is not None]
+    with (
+        _progress_bar(frames) as show,
+        log or nullcontext(),
+        film or nullcontext(),
+        bag or nullcontext(),
+    ):
         summary = run(
-            source.stream(),
+            _of_its_size(source.stream(), calibration, calibration_files),
             calibration,
             config,
             output,
@@ -119,7 +140,8 @@ def smooth_command(
             ),
             causes=lambda: likely_causes(recording, calibration, choice),
             warnings=lambda: source.report.warnings,
-            record=log.write if log else None,
+            record=_record(records) if records else None,
+            formats=formats,
             watch=_each(watchers) if watchers else None,
             on_progress=show,
         )
@@ -128,6 +150,8 @@ def smooth_command(
     _tell(summary, output, verbose, rerun if rerun is not None and rerun.exists() else None)
     if video is not None and video.exists():
         click.echo(f"video: {video}", err=True)
+    if bag is not None:
+        click.echo(f"for RViz and Foxglove: {bag.path}", err=True)
     if not summary["frames_estimated"] and summary["ended"] == "complete":
         click.get_current_context().exit(_NOTHING_ESTIMATED)
 
@@ -138,6 +162,32 @@ def _each(watchers: Sequence[Watch]) -> Watch:
             watcher(odometry, frame)
 
     return watch
+
+
+def _of_its_size(
+    measurements: Iterable[Measurement], calibration: Calibration, files: Sequence[Path]
+) -> Iterator[Measurement]:
+    """The same, after a look at the first frame: here the calibration's files are known."""
+    rest = iter(measurements)
+    for measurement in rest:
+        if isinstance(measurement, Frame):
+            try:
+                check_frame_size(measurement, calibration.camera)
+            except RecordingError as error:
+                where = ", ".join(map(str, files)) or "the recording's own calibration"
+                raise RecordingError(f"{where}: {error}") from None
+        yield measurement
+        if isinstance(measurement, Frame):
+            break
+    yield from rest
+
+
+def _record(records: Sequence[Record]) -> Record:
+    def record(*handed_out: Any) -> None:
+        for each in records:
+            each(*handed_out)
+
+    return record
 
 
 def _inputs(

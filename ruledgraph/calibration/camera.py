@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Camera models from their description in Kalibr's, EuRoC's and ROS's words."""
 
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ruledgraph.calibration.section import Section
 from ruledgraph.calibration.sensors import CameraModel, DistortionModel
+from ruledgraph.calibration.wide_angle import WIDE_ANGLE, magnification, parameter_fault
 from ruledgraph.core.errors import RuledgraphError
 
 _DISTORTION: dict[str, DistortionModel] = {
@@ -20,25 +22,60 @@ _DISTORTION: dict[str, DistortionModel] = {
     "none": "none",
     "": "none",
 }
+# Camera models of Kalibr and how many parameters come before the four of a pinhole.
+_OWN_PARAMETERS: dict[Any, int] = {"pinhole": 0, "omni": 1, "eucm": 2, "ds": 2}
 _LARGEST_IMAGE = 20_000  # px
 _FOCAL_LENGTH = (0.1, 20.0)  # of the image's longer side
 
 
 def model_of_camera(section: Section) -> CameraModel:
     """Model of a Kalibr or EuRoC camera."""
-    projection = section.text("camera_model", "pinhole")
-    if projection != "pinhole":
+    projection: Any = section.text("camera_model", "pinhole")
+    if projection not in _OWN_PARAMETERS:
         raise section.error(
             "camera_model",
-            f"{projection[:40]!r} is not supported, only pinhole; calibrate with Kalibr's "
-            "pinhole-radtan or pinhole-equi",
+            f"{projection[:40]!r} is not supported; calibrate with one of "
+            f"{', '.join(_OWN_PARAMETERS)}",
         )
-    fx, fy, cx, cy = section.some_numbers("intrinsics", 4)
+    count = _OWN_PARAMETERS[projection]
+    *own, fx, fy, cx, cy = section.some_numbers("intrinsics", count + 4)
     width, height = section.some_numbers("resolution", 2)
     coefficients = section.key("distortion_coeffs", "distortion_coefficients")
-    return _checked(
-        section, ("resolution", "intrinsics", coefficients), (width, height), (fx, fy, cx, cy)
-    )
+    keys = ("resolution", "intrinsics", coefficients)
+    if projection == "pinhole":
+        return _checked(section, keys, (width, height), (fx, fy, cx, cy))
+    if fault := parameter_fault(projection, tuple(own)):
+        raise section.error("intrinsics", f"do not fit: {fault}")
+    # What the lens does near its axis is a pinhole's part of it.
+    zoom = magnification(projection, tuple(own))
+    near = _checked(section, keys, (width, height), (fx * zoom, fy * zoom, cx, cy))
+    if near.distortion not in (("none", "radtan") if projection == "omni" else ("none",)):
+        raise section.error(
+            "distortion_model", f"{near.distortion!r} does not go with camera_model {projection}"
+        )
+    parameters = (*own, *near.coefficients)
+    if projection == "omni" and len(near.coefficients) > 4:
+        raise section.error(coefficients, "are 5, but camera_model omni takes 4")
+    return replace(near, fx=fx, fy=fy, distortion=projection, coefficients=parameters)
+
+
+class KalibrWords(NamedTuple):
+    """A camera model as Kalibr writes it."""
+
+    camera_model: str
+    intrinsics: tuple[float, ...]
+    distortion_model: str
+    distortion: tuple[float, ...]
+
+
+def kalibr_words(camera: CameraModel) -> KalibrWords:
+    """What `model_of_camera` reads the same model from."""
+    pinhole = (camera.fx, camera.fy, camera.cx, camera.cy)
+    if camera.distortion not in WIDE_ANGLE:
+        return KalibrWords("pinhole", pinhole, camera.distortion, camera.coefficients)
+    count = _OWN_PARAMETERS[camera.distortion]
+    own, rest = camera.coefficients[:count], camera.coefficients[count:]
+    return KalibrWords(camera.distortion, own + pinhole, "radtan" if rest else "none", rest)
 
 
 def model_of_info(section: Section) -> CameraModel:

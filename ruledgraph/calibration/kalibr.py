@@ -5,6 +5,7 @@
 from collections.abc import Iterable
 from pathlib import Path
 
+from ruledgraph.calibration.camera import kalibr_words
 from ruledgraph.calibration.section import NOISE_KEYS, CalibrationError
 from ruledgraph.calibration.sensors import Calibration
 
@@ -18,13 +19,14 @@ def write_kalibr(calibration: Calibration, path: str | Path) -> None:
         CalibrationError: when the file exists or cannot be written.
     """
     camera, noise = calibration.camera, calibration.imu_noise
+    words = kalibr_words(camera)
     rows = [_list(row) for row in calibration.body_T_cam.inverse().matrix()]
     lines = ["cam0:", "  T_cam_imu:", *(f"  - {row}" for row in rows)]
     lines += [
-        "  camera_model: pinhole",
-        f"  distortion_coeffs: {_list(camera.coefficients)}",
-        f"  distortion_model: {camera.distortion}",
-        f"  intrinsics: {_list((camera.fx, camera.fy, camera.cx, camera.cy))}",
+        f"  camera_model: {words.camera_model}",
+        f"  distortion_coeffs: {_list(words.distortion)}",
+        f"  distortion_model: {words.distortion_model}",
+        f"  intrinsics: {_list(words.intrinsics)}",
         f"  resolution: [{camera.width}, {camera.height}]",
         *([f"  rostopic: {calibration.image_topic}"] if calibration.image_topic else []),
         f"  timeshift_cam_imu: {_number(calibration.time_offset)}",

@@ -172,14 +172,16 @@ def _is_on(name: str, section: Section, image_topic: str) -> bool:
 
 
 def _imu_noise(sources: _Sources) -> ImuNoise:
+    flags = ", ".join(f"--imu {name}" for name in TYPICAL_IMU_NOISE)
     if sources.imu is None:
-        flags = ", ".join(f"--imu {name}" for name in TYPICAL_IMU_NOISE)
         raise CalibrationError(
             f"{sources.files}: no IMU noise densities; add Kalibr's imu.yaml or "
             f"EuRoC's imu0/sensor.yaml, or take typical figures: {flags}"
         )
     figures = {}
     for name, key in NOISE_KEYS.items():
+        if key not in sources.imu.values:
+            raise sources.imu.error(key, f"is missing; add it, or take typical figures: {flags}")
         figures[name] = sources.imu.number(key, 0.0, _LARGEST_NOISE)
         if figures[name] == 0.0:
             raise sources.imu.error(key, "= 0 is no noise figure, give a positive one")

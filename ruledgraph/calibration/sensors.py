@@ -2,20 +2,34 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What is known of the sensors before the first measurement: camera, IMU, how they are mounted."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import gtsam
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ruledgraph.calibration.wide_angle import (
+    WIDE_ANGLE,
+    magnification,
+    parameter_fault,
+    project,
+    unproject,
+)
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph_factors import STANDARD_GRAVITY
 
 FloatArray = NDArray[np.float64]
 
-DistortionModel = Literal["none", "radtan", "equidistant"]
-_COEFFICIENTS: dict[str, tuple[int, ...]] = {"none": (0,), "radtan": (4, 5), "equidistant": (4,)}
+DistortionModel = Literal["none", "radtan", "equidistant", "omni", "eucm", "ds"]
+_COEFFICIENTS: dict[str, tuple[int, ...]] = {
+    "none": (0,),
+    "radtan": (4, 5),
+    "equidistant": (4,),
+    "omni": (1, 5),
+    "eucm": (2,),
+    "ds": (2,),
+}
 # Newton's iteration on the distortion stops here (normalised units, 1e-7 px at 1,000 px focal
 # length) or gives up after so many steps.
 _CONVERGED = 1e-10
@@ -36,7 +50,8 @@ class CameraModel:
     Normalised coordinates (x, y) = (X/Z, Y/Z) map to pixels by the distortion d, then
     u = fx d_x + cx, v = fy d_y + cy. Distortion models and the order of the coefficients are
     Kalibr's and OpenCV's: `radtan` (k1, k2, p1, p2[, k3]), Brown 1966; `equidistant` (k1..k4),
-    Kannala and Brandt 2006.
+    Kannala and Brandt 2006; of the wide-angle models in `wide_angle`: `omni` (xi[, k1, k2, p1,
+    p2]), with `radtan` after it, `eucm` (alpha, beta), `ds` (xi, alpha).
 
     Raises:
         RuledgraphError: for a size or focal length that is not positive, a number that is not
@@ -74,10 +89,18 @@ class CameraModel:
                 f"got {len(self.coefficients)}"
             )
 
+        if fault := parameter_fault(self.distortion, self.coefficients):
+            raise RuledgraphError(fault)
+
     @property
     def focal_length(self) -> float:
-        """Mean of fx and fy, px: converts pixels to normalised units near the image centre."""
-        return 0.5 * (self.fx + self.fy)
+        """Px: converts pixels to normalised units near the image centre; of a pinhole the mean of
+        fx and fy.
+        """
+        mean = 0.5 * (self.fx + self.fy)
+        if self.distortion in WIDE_ANGLE:
+            return mean * magnification(self.distortion, self.coefficients)
+        return mean
 
     def distort(self, normalised: ArrayLike) -> Distorted:
         """Pixels of normalised coordinates (N, 2), and the derivative."""
@@ -86,6 +109,11 @@ class CameraModel:
             d, jacobian = _radtan(xy, self.coefficients)
         elif self.distortion == "equidistant":
             d, jacobian = _equidistant(xy, self.coefficients)
+        elif self.distortion in WIDE_ANGLE:
+            d, jacobian = project(self.distortion, xy, self.coefficients)
+            if self.distortion == "omni" and len(self.coefficients) > 1:
+                d, bent = _radtan(d, self.coefficients[1:])
+                jacobian = bent @ jacobian
         else:
             d, jacobian = xy, np.tile(np.eye(2), (len(xy), 1, 1))
         focal = np.array([self.fx, self.fy])
@@ -105,6 +133,11 @@ class CameraModel:
             # From the undistorted fisheye: the angle is the distance from the centre.
             angle = np.linalg.norm(target, axis=1, keepdims=True)
             xy *= np.tan(np.minimum(angle, 1.5)) / np.maximum(angle, 1e-12)
+        elif near is None and self.distortion in WIDE_ANGLE:
+            if self.distortion == "omni" and len(self.coefficients) > 1:
+                lens = replace(self, distortion="radtan", coefficients=self.coefficients[1:])
+                target = lens.undistort(uv)
+            xy = unproject(self.distortion, target, self.coefficients)
         scale = np.array([self.fx, self.fy])
         error = np.full_like(uv, np.inf)
         for _ in range(_MOST_STEPS):

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import gtsam
+import numpy as np
 
 from ruledgraph.calibration.sensors import FloatArray
 from ruledgraph.core.time_offset import NO_OFFSET, TimeOffset
+from ruledgraph.core.trajectory import quaternion_xyzw
 
 Covariances: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 """Of pose (6, 6), velocity (3, 3) and bias (6, 6)."""
@@ -24,7 +26,11 @@ Status = Literal["tracking", "still", "dead reckoning", "doubtful"]
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What is known of one frame."""
+    """What is known of one frame: GTSAM's objects, and the same as numpy arrays.
+
+    The body frame is the IMU's; the world's z axis points up. `matrix`, `position` and
+    `quaternion_xyzw` are of world_T_body, which maps body coordinates to the world.
+    """
 
     stamp: int
     """ns, the frame's own."""
@@ -43,6 +49,69 @@ class Estimate:
     """Counts from 0; between two of them there is a gap or a failure."""
     time_offset: TimeOffset = NO_OFFSET
     """t_imu - t_cam, s, as of the last knot; without deviation where it is not estimated."""
+
+    @property
+    def time(self) -> float:
+        """The stamp in seconds; float64 rounds stamps of today to 0.2 microseconds."""
+        return self.stamp * 1e-9
+
+    @property
+    def matrix(self) -> FloatArray:
+        """world_T_body, (4, 4)."""
+        return np.asarray(self.world_T_body.matrix())
+
+    @property
+    def position(self) -> FloatArray:
+        """Of the body in the world, (3,), m."""
+        return np.asarray(self.world_T_body.translation())
+
+    @property
+    def quaternion_xyzw(self) -> FloatArray:
+        """World_R_body as a unit quaternion, (4,)."""
+        return quaternion_xyzw(self.world_T_body)
+
+    @property
+    def gyroscope_bias(self) -> FloatArray:
+        """In the body frame, (3,), rad/s."""
+        return np.asarray(self.bias.gyroscope())
+
+    @property
+    def accelerometer_bias(self) -> FloatArray:
+        """In the body frame, (3,), m/s^2."""
+        return np.asarray(self.bias.accelerometer())
+
+    @property
+    def pose_covariance(self) -> FloatArray:
+        """Of GTSAM's tangent at `world_T_body`, (6, 6): rotation (rad), then position (m), both in
+        the body frame.
+        """
+        return self.covariances[0]
+
+    @property
+    def rotation_covariance(self) -> FloatArray:
+        """Of the rotation vector in the body frame, (3, 3), rad^2."""
+        return self.covariances[0][:3, :3]
+
+    @property
+    def position_covariance(self) -> FloatArray:
+        """In the world frame, (3, 3), m^2."""
+        R = self.world_T_body.rotation().matrix()
+        return np.asarray(R @ self.covariances[0][3:, 3:] @ R.T)
+
+    @property
+    def velocity_covariance(self) -> FloatArray:
+        """In the world frame, (3, 3), m^2/s^2."""
+        return self.covariances[1]
+
+    @property
+    def gyroscope_bias_covariance(self) -> FloatArray:
+        """(3, 3), rad^2/s^2."""
+        return self.covariances[2][3:, 3:]
+
+    @property
+    def accelerometer_bias_covariance(self) -> FloatArray:
+        """(3, 3), m^2/s^4."""
+        return self.covariances[2][:3, :3]
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What a run tells of itself, in bounded memory: how long its stages took, its messages."""
 
+import logging
 import math
 import re
 import time as clock
@@ -14,6 +15,8 @@ _RATIO, _SHORTEST = 1.02, 1e-7
 # Messages that are kept of a run; the rest are counted.
 _MOST_MESSAGES = 200
 _FIGURES = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
+
+_log = logging.getLogger("ruledgraph")
 
 
 class Timing:
@@ -67,7 +70,7 @@ class Timings(defaultdict[str, Timing]):
 class Messages(list[str]):
     """The messages of a run: of those that differ in figures alone the first, with their number.
 
-    Beyond the first kinds they are counted.
+    Beyond the first kinds they are counted. All go to the logger `ruledgraph`, too, as warnings.
     """
 
     def __init__(self) -> None:
@@ -78,6 +81,7 @@ class Messages(list[str]):
 
     def append(self, message: str) -> None:
         """Keep a message, or count it."""
+        _log.warning("%s", message)
         self.counted(_FIGURES.sub("#", message), message)
 
     def once(self, kind: str, message: str) -> None:

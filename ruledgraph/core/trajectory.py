@@ -71,7 +71,7 @@ class Trajectory:
     def from_poses(cls, stamps: ArrayLike, poses: Sequence[gtsam.Pose3]) -> "Trajectory":
         """The trajectory through poses, one a stamp (N,), ns."""
         positions = np.reshape([pose.translation() for pose in poses], (-1, 3))
-        quaternions = np.reshape([_quaternion(pose) for pose in poses], (-1, 4))
+        quaternions = np.reshape([quaternion_xyzw(pose) for pose in poses], (-1, 4))
         return cls(np.asarray(stamps), positions, quaternions)
 
     def poses(self) -> list[gtsam.Pose3]:
@@ -118,8 +118,8 @@ class Trajectory:
                 writer.append_row(*row)
 
 
-def _quaternion(pose: gtsam.Pose3) -> FloatArray:
-    """x, y, z, w."""
+def quaternion_xyzw(pose: gtsam.Pose3) -> FloatArray:
+    """The rotation of a pose as a unit quaternion x, y, z, w, (4,)."""
     q: Any = pose.rotation().toQuaternion()  # GTSAM's stub does not know its type
     return np.array([q.x(), q.y(), q.z(), q.w()])
 
@@ -144,7 +144,7 @@ class TumWriter(Closing):
 
     def append(self, stamp: int, pose: gtsam.Pose3) -> None:
         """Write world_T_body at a stamp, ns, later than the last."""
-        self.append_row(stamp, pose.translation(), _quaternion(pose))
+        self.append_row(stamp, pose.translation(), quaternion_xyzw(pose))
 
     def append_row(self, stamp: int, position: FloatArray, quaternion: FloatArray) -> None:
         """Write a position (3,), m, and a unit quaternion x, y, z, w (4,)."""

@@ -40,6 +40,8 @@ class Initializer:
         self._warnings = stages.output.warnings
         self._last_attempt = -np.inf
         self._retimed = False
+        self.refusal = ""
+        """Why the last attempt failed."""
         self._takes_longest = True
 
     def wait_from(self, time: float) -> None:
@@ -64,7 +66,7 @@ class Initializer:
         if found is None:
             return None
         if isinstance(found, Refusal):
-            self._retimed = False
+            self._retimed, self.refusal = False, found.reason
             self._warnings.append(f"no start at {now.time:.2f} s: {found.reason}")
             return None
         retimed, self._retimed = self._retimed, False
@@ -74,6 +76,7 @@ class Initializer:
             self.retime(offset.value)
             self._retimed = True
             return None
+        self.refusal = ""
         frames = [frame for frame in self._sensors.frames if frame.stamp >= found.stamp]
         return FirstFrames(found, frames)
 

@@ -15,7 +15,7 @@ from ruledgraph.recording.images import check_frame_size
 from ruledgraph.recording.order import REORDER_BOUND
 from ruledgraph.recording.recording import Recording, open_recording
 from ruledgraph.recording.report import Report, StampRange
-from ruledgraph.recording.writer import write_recording
+from ruledgraph.recording.writer import kind_of, write_recording
 from ruledgraph.recording.writers import GroundTruthPose
 
 __all__ = [
@@ -29,6 +29,7 @@ __all__ = [
     "StampRange",
     "Topic",
     "check_frame_size",
+    "kind_of",
     "open_recording",
     "write_recording",
 ]

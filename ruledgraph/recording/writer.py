@@ -17,6 +17,7 @@ from ruledgraph.recording.container import Kind
 from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.writers import AslSink, BagSink, GroundTruthPose
 
+_KINDS: dict[str, Kind] = {".bag": "rosbag1", ".mcap": "mcap"}
 # rosbags hands the path to sqlite3 as a URI, as it is.
 _UNSAFE = frozenset("?#%")
 
@@ -69,6 +70,21 @@ def write_recording(
             sink.path.rename(out)
     except (OSError, sqlite3.Error, Rosbag1Error, Rosbag2Error) as error:
         raise RecordingError(f"{out} cannot be written: {error}") from None
+
+
+def kind_of(out: Path, kind: Kind | None) -> Kind:
+    """The format to write, from the option or the file's suffix.
+
+    Raises:
+        RecordingError: when neither tells.
+    """
+    found = _KINDS.get(out.suffix) if kind is None else kind
+    if found is None:
+        raise RecordingError(
+            f"{out}: .bag is a ROS 1 bag and .mcap an MCAP file; "
+            "for a folder say --format rosbag2 or --format asl"
+        )
+    return found
 
 
 def _stamp(item: Measurement | GroundTruthPose) -> int:

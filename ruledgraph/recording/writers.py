@@ -12,9 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags import rosbag1, rosbag2
 
+from ruledgraph.calibration.camera import kalibr_words
 from ruledgraph.calibration.sensors import Calibration, CameraModel, ImuNoise
+from ruledgraph.calibration.wide_angle import WIDE_ANGLE
 from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.recording.container import Kind
+from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.messages import types
 from ruledgraph.recording.report import StampRange
 from ruledgraph.recording.topics import CAMERA_INFO, camera_info_topic
@@ -123,6 +126,11 @@ class BagSink:
         return self._new("geometry_msgs/msg/Vector3", *map(float, values))
 
     def _camera_info(self, camera: CameraModel) -> dict[str, Any]:
+        if camera.distortion in WIDE_ANGLE:
+            raise RecordingError(
+                f"{self.path}: ROS has no CameraInfo for camera model {camera.distortion}; "
+                "write an asl folder, or go without the calibration"
+            )
         matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
         if camera.distortion == "equidistant":
             model, coefficients = "equidistant", camera.coefficients
@@ -213,8 +221,11 @@ class AslSink:
 
 def _camera_yaml(calibration: Calibration, rate: float) -> str:
     camera = calibration.camera
-    model = "equidistant" if camera.distortion == "equidistant" else "radial-tangential"
-    coefficients = camera.coefficients or (0.0, 0.0, 0.0, 0.0)
+    words = kalibr_words(camera)
+    model = "equidistant" if words.distortion_model == "equidistant" else "radial-tangential"
+    coefficients = words.distortion or (0.0, 0.0, 0.0, 0.0)
+    if words.camera_model in ("eucm", "ds"):
+        model, coefficients = "none", ()
     return f"""%YAML:1.0
 sensor_type: camera
 comment: cam0
@@ -224,8 +235,8 @@ T_BS:
   data: {_list(calibration.body_T_cam.matrix().reshape(-1))}
 rate_hz: {_number(rate)}
 resolution: [{camera.width}, {camera.height}]
-camera_model: pinhole
-intrinsics: {_list((camera.fx, camera.fy, camera.cx, camera.cy))}
+camera_model: {words.camera_model}
+intrinsics: {_list(words.intrinsics)}
 distortion_model: {model}
 distortion_coefficients: {_list(coefficients)}
 """

@@ -9,7 +9,6 @@ from pathlib import Path
 from ruledgraph.calibration import read_calibration
 from ruledgraph.calibration.sensors import ADIS16448_LIKE, D435I_LIKE, Calibration, ImuNoise
 from ruledgraph.core.errors import RuledgraphError
-from ruledgraph.recording import Kind
 from ruledgraph.simulation.imu import RecordedImu
 from ruledgraph.simulation.measured import MeasuredMotion
 from ruledgraph.simulation.motions import MOTIONS
@@ -17,7 +16,6 @@ from ruledgraph.simulation.scenes import SCENES
 from ruledgraph.simulation.simulation import D435I, Simulation, simulate
 
 _IMUS: dict[str, ImuNoise | None] = {"d435i": D435I_LIKE, "euroc": ADIS16448_LIKE, "none": None}
-_KINDS: dict[str, Kind] = {".bag": "rosbag1", ".mcap": "mcap"}
 
 
 def simulation_from_options(
@@ -89,21 +87,6 @@ def simulation_from_options(
         moving_start=moving_start,
         seed=seed,
     )
-
-
-def kind_of(out: Path, kind: Kind | None) -> Kind:
-    """The format to write, from the option or the file's suffix.
-
-    Raises:
-        RuledgraphError: when neither tells.
-    """
-    found = _KINDS.get(out.suffix) if kind is None else kind
-    if found is None:
-        raise RuledgraphError(
-            f"{out}: .bag is a ROS 1 bag and .mcap an MCAP file; "
-            "for a folder say --format rosbag2 or --format asl"
-        )
-    return found
 
 
 def catalogue() -> str:

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 //
 // The camera models, in plain C++. The native version of `CameraModel` in
-// `ruledgraph/calibration/sensors.py`, which says what is computed and stays the reference: same
-// order of operations.
+// `ruledgraph/calibration/sensors.py` and of `wide_angle.py` beside it, which say what is computed
+// and stay the reference: same order of operations.
 #pragma once
 
 #include <array>
@@ -38,7 +38,7 @@ struct Distorted {
   Matrix2 jacobian;
 };
 
-enum class Distortion { kNone, kRadtan, kEquidistant };
+enum class Distortion { kNone, kRadtan, kEquidistant, kOmni, kEucm, kDoubleSphere };
 
 /// Pinhole camera with distortion; pixel (0, 0) is the centre of the top left pixel.
 struct Camera {
@@ -53,9 +53,21 @@ struct Camera {
   Distorted distort(Point normalised) const {
     Distorted d{normalised, {1.0, 0.0, 0.0, 1.0}};
     if (distortion == Distortion::kRadtan) {
-      d = radtan(normalised);
+      const auto [k1, k2, p1, p2, k3] = coefficients;
+      d = radtan(normalised, k1, k2, p1, p2, k3);
     } else if (distortion == Distortion::kEquidistant) {
       d = equidistant(normalised);
+    } else if (distortion != Distortion::kNone) {
+      d = wide_angle(normalised);
+      if (distortion == Distortion::kOmni) {
+        const auto [xi, k1, k2, p1, p2] = coefficients;
+        static_cast<void>(xi);
+        const Distorted bent = radtan(d.pixel, k1, k2, p1, p2, 0.0);
+        const Matrix2 &B = bent.jacobian, A = d.jacobian;
+        d = {bent.pixel,
+             {B.xx * A.xx + B.xy * A.yx, B.xx * A.xy + B.xy * A.yy, B.yx * A.xx + B.yy * A.yx,
+              B.yx * A.xy + B.yy * A.yy}};
+      }
     }
     const Matrix2& J = d.jacobian;
     return {{d.pixel.x * fx + cx, d.pixel.y * fy + cy},
@@ -104,8 +116,7 @@ struct Camera {
   }
 
  private:
-  Distorted radtan(Point at) const {
-    const auto [k1, k2, p1, p2, k3] = coefficients;
+  static Distorted radtan(Point at, double k1, double k2, double p1, double p2, double k3) {
     const double x = at.x, y = at.y;
     const double xx = x * x, yy = y * y, xy = x * y;
     const double r2 = xx + yy;
@@ -116,6 +127,32 @@ struct Camera {
              y * radial + p1 * (r2 + 2.0 * yy) + 2.0 * p2 * xy},
             {radial + xx * slope + 2.0 * p1 * y + 6.0 * p2 * x, mixed, mixed,
              radial + yy * slope + 6.0 * p1 * y + 2.0 * p2 * x}};
+  }
+
+  Distorted wide_angle(Point at) const {
+    const double r2 = at.x * at.x + at.y * at.y;
+    double h, slope;
+    if (distortion == Distortion::kEucm) {
+      const double alpha = coefficients[0], beta = coefficients[1];
+      const double root = std::sqrt(beta * r2 + 1.0);
+      h = alpha * root + 1.0 - alpha;
+      slope = 0.5 * alpha * beta / root;
+    } else {
+      const double xi = coefficients[0];
+      const double root = std::sqrt(r2 + 1.0);
+      h = xi * root + 1.0;
+      slope = 0.5 * xi / root;
+      if (distortion == Distortion::kDoubleSphere) {
+        const double alpha = coefficients[1], k = h, k_slope = slope;
+        const double outer = std::sqrt(r2 + k * k);
+        h = alpha * outer + (1.0 - alpha) * k;
+        slope = alpha * (0.5 + k * k_slope) / outer + (1.0 - alpha) * k_slope;
+      }
+    }
+    const double bend = -2.0 * slope / (h * h);
+    const double mixed = bend * at.x * at.y;
+    return {{at.x / h, at.y / h},
+            {bend * at.x * at.x + 1.0 / h, mixed, mixed, bend * at.y * at.y + 1.0 / h}};
   }
 
   Distorted equidistant(Point at) const {

@@ -54,6 +54,12 @@ Camera make_camera(int width, int height, double fx, double fy, double cx, doubl
     camera.distortion = Distortion::kRadtan;
   } else if (distortion == "equidistant") {
     camera.distortion = Distortion::kEquidistant;
+  } else if (distortion == "omni") {
+    camera.distortion = Distortion::kOmni;
+  } else if (distortion == "eucm") {
+    camera.distortion = Distortion::kEucm;
+  } else if (distortion == "ds") {
+    camera.distortion = Distortion::kDoubleSphere;
   } else {
     require(distortion == "none", "unknown distortion model");
   }

@@ -5,11 +5,17 @@ import platform
 import subprocess
 import sys
 from importlib.metadata import version
+from pathlib import Path
 
+import click
 import pytest
+from click.testing import CliRunner
 
 import ruledgraph
+from ruledgraph.app.cli import main
+from ruledgraph.recording import open_recording, write_recording
 from ruledgraph_factors import active_kernel
+from small_simulation import small_stream
 
 SLOW = ("gtsam", "cv2", "numpy", "scipy", "matplotlib", "evo", "rosbags", "rich", "ruamel.yaml")
 
@@ -25,10 +31,64 @@ def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]
     )
 
 
-def test_help_says_what_it_is() -> None:
-    result = run("--help")
+@pytest.mark.parametrize("flag", ["--help", "-h"])
+def test_help_says_what_it_is(flag: str) -> None:
+    result = run(flag)
     assert (result.returncode, result.stderr) == (0, "")
     assert "Line-based visual-inertial odometry" in result.stdout
+    listed = result.stdout.partition("Commands:")[2].split("\n")
+    commands = [line.split()[0] for line in listed if line[2:3].isalpha()]
+    workflow = ["simulate", "info", "smooth", "batch", "evaluate", "report", "export"]
+    assert commands == [*workflow, "completion"]
+
+
+def _options() -> list[tuple[str, click.Option]]:
+    return [
+        (name, option)
+        for name, command in main.commands.items()
+        for option in command.params
+        if isinstance(option, click.Option)
+    ]
+
+
+@pytest.mark.parametrize("option", ["--force", "--format", "--seed", "--json"])
+def test_an_option_means_the_same_everywhere(option: str) -> None:
+    found = [(o.type.to_info_dict(), o.is_flag) for _, o in _options() if option in o.opts]
+    assert all(each == found[0] for each in found)
+
+
+@pytest.mark.parametrize(("command", "option"), _options(), ids=lambda x: getattr(x, "name", x))
+def test_an_options_help_is_a_sentence(command: str, option: click.Option) -> None:  # noqa: ARG001
+    assert option.help is not None
+    assert option.help[0].isupper()
+    assert option.help.endswith(".")
+
+
+@pytest.mark.parametrize("flag", [[], ["--force"]], ids=["", "force"])
+def test_force_alone_writes_over(tmp_path: Path, flag: list[str]) -> None:
+    stream, _ = small_stream(duration=1.5)
+    write_recording(stream, tmp_path / "small.bag", "rosbag1")
+    out = tmp_path / "out"
+    (out / "mav0").mkdir(parents=True)
+    (out / "mav0" / "old").touch()
+    words = ["export", str(tmp_path / "small.bag"), str(out), "--format", "asl", *flag]
+    result = CliRunner().invoke(main, words)
+    assert (result.exit_code == 0) == bool(flag)
+    assert (out / "mav0" / "old").exists() == (not flag)
+    # The suffix names the format.
+    words = ["export", str(tmp_path / "small.bag"), str(tmp_path / "out.mcap")]
+    assert CliRunner().invoke(main, words).exit_code == 0
+    assert open_recording(tmp_path / "out.mcap").kind == "mcap"
+
+
+def test_force_leaves_other_folders_alone(tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "one.jpg").touch()
+    words = ["simulate", "room", "free", str(tmp_path / "photos"), "--format", "asl", "--force"]
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 2
+    assert "photos: holds neither a recording nor results" in result.output
+    assert (tmp_path / "photos" / "one.jpg").exists()
 
 
 def test_version_names_what_results_depend_on() -> None:

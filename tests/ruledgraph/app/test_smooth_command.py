@@ -130,6 +130,29 @@ def test_results_are_never_overwritten(recording, tmp_path):
     assert (tmp_path / "kept.txt").read_text() == "mine"
 
 
+def test_results_are_overwritten_by_force_alone(recording, tmp_path):
+    arguments = (recording / "small.bag", "--calibration", recording / "calib.yaml")
+    output = tmp_path / "run"
+    output.mkdir()
+    (output / "trajectory_live.tum").touch()
+    (output / "old.txt").touch()
+    arguments += ("--output", output)
+    assert smooth(*arguments).exit_code == 2
+    assert smooth(*arguments, "--force").exit_code == 0
+    assert not (output / "old.txt").exists()
+
+
+def test_a_calibration_for_another_size_is_named(recording, tmp_path):
+    text = (recording / "calib.yaml").read_text().replace("[320, 240]", "[640, 480]")
+    (tmp_path / "other.yaml").write_text(text)
+    result = smooth(
+        *(recording / "small.bag", "--calibration", tmp_path / "other.yaml"),
+        *("--output", tmp_path / "out"),
+    )
+    assert result.exit_code == 2
+    assert f"{tmp_path}/other.yaml: frames are 320x240, but the calibration is" in result.output
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

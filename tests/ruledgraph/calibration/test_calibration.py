@@ -364,7 +364,8 @@ def test_what_the_caller_knows_comes_before_the_files(file):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("pinhole", "omni", "cam0/camera_model 'omni' is not supported, only pinhole; calibrate"),
+        ("pinhole", "fov", "cam0/camera_model 'fov' is not supported; calibrate with one of"),
+        ("pinhole", "omni", "cam0/intrinsics must be 5 numbers, not 4"),
         ("pinhole", "[1]", "cam0/camera_model must be a word"),
         ("/cam0/image_raw", '"/cam0\\nx"', "cam0/rostopic must be a word"),
         ("radtan", "fov", "cam0/distortion_model 'fov' is not supported; calibrate with radtan"),

@@ -1,0 +1,70 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Hands jobs to dask's workers, and takes what comes of them."""
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from importlib import import_module
+from typing import Any
+
+from ruledgraph.app.batch.jobs import Job
+from ruledgraph.app.batch.work import Outcome, run_job
+from ruledgraph.core.errors import RuledgraphError
+
+# How long a scheduler is waited for.
+_PATIENCE = "20s"
+
+
+def run_all(
+    jobs: Sequence[Job],
+    done: Callable[[Job, Outcome], object],
+    *,
+    workers: int,
+    scheduler: str | None = None,
+) -> None:
+    """Run jobs, each in one of several processes; a job whose worker dies is run by another,
+    unless it was the end of several.
+
+    Args:
+        jobs: to be run.
+        done: called with each as it ends.
+        workers: processes of this machine, when there is no scheduler.
+        scheduler: address of a dask scheduler, such as tcp://host:8786; its workers need
+            ruledgraph, and see the recordings under the names that the jobs give.
+
+    Raises:
+        RuledgraphError: without dask.distributed, or when the scheduler does not answer.
+    """
+    try:
+        distributed: Any = import_module("distributed")  # it has no types
+    except ImportError:
+        raise RuledgraphError(
+            "batch needs dask.distributed: pip install 'ruledgraph[batch]'"
+        ) from None
+    with ExitStack() as stack:
+        if scheduler is None:
+            cluster = distributed.LocalCluster(
+                n_workers=min(workers, len(jobs)),
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=None,
+                silence_logs="ERROR",
+            )
+            scheduler_or_cluster = stack.enter_context(cluster)
+        else:
+            scheduler_or_cluster = scheduler
+        try:
+            client = stack.enter_context(
+                distributed.Client(scheduler_or_cluster, timeout=_PATIENCE)
+            )
+        except (OSError, TimeoutError, ValueError) as error:
+            raise RuledgraphError(f"--scheduler {scheduler}: does not answer: {error}") from None
+        futures = {client.submit(run_job, job, pure=False): job for job in jobs}
+        # A failed one is handed out like the others.
+        for future in distributed.as_completed(futures, raise_errors=False):
+            job = futures.pop(future)
+            if future.status == "finished":
+                done(job, future.result())
+            else:
+                done(job, Outcome(f"{future.status}: {future.exception()}".replace("\n", " ")))
+            future.release()

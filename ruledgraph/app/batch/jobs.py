@@ -1,0 +1,175 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a batch consists of: every recording with every choice of settings."""
+
+import glob
+import hashlib
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qsl
+
+from ruledgraph.core.config import Config
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.settings import config_text, load_config
+
+SIMULATED = "sim:"
+"""Begins a source SCENE:MOTION that is simulated, with options as in a URL's query."""
+_SIMULATION_OPTIONS: dict[str, Callable[[str], Any]] = {
+    "rate": float,
+    "duration": float,
+    "start": float,
+    "resolution": str,
+    "imu": str,
+    "imu_rate": float,
+    "moving_start": {"true": True, "false": False}.__getitem__,
+}
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run, by plain values: it is sent to other processes and machines."""
+
+    recording: str
+    """Path or URL as the workers see it, or `sim:SCENE:MOTION?rate=30&duration=6`."""
+    settings: tuple[str, ...]
+    """What `--set` chose for this run among several values, `section.key=value`."""
+    seed: int | None
+    """Of a simulation."""
+    config: Config
+    calibration: tuple[str, ...]
+    ground_truth: str | None
+    camera: str | None = None
+    imu: str | None = None
+
+    @property
+    def digest(self) -> str:
+        """The same for the same run, in other sessions, too."""
+        return hashlib.sha256(repr(self.as_dict()).encode()).hexdigest()[:8]
+
+    @property
+    def name(self) -> str:
+        """Of its folder: readable, and of its own."""
+        seed = [] if self.seed is None else [f"seed{self.seed}"]
+        words = "_".join([stem(self.recording), *self.settings, *seed])
+        return re.sub(r"[^\w.=-]+", "-", words)[:100] + f"-{self.digest}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """All that decides on its outcome, as JSON holds it."""
+        return {
+            **asdict(self),
+            "settings": list(self.settings),
+            "calibration": list(self.calibration),
+            "config": config_text(self.config),
+        }
+
+
+def stem(recording: str) -> str:
+    """Name of a recording without its folder and suffix."""
+    if recording.startswith(SIMULATED):
+        return recording.removeprefix(SIMULATED).partition("?")[0]
+    return Path(recording).stem
+
+
+def plan(
+    patterns: Sequence[str],
+    *,
+    config_file: Path | None,
+    settings: Sequence[str],
+    seeds: int,
+    calibration: Sequence[str],
+    ground_truth: str | None,
+    camera: str | None,
+    imu: str | None,
+) -> list[Job]:
+    """All jobs of a batch.
+
+    Args:
+        patterns: paths, glob patterns, URLs, and simulations as `sim:SCENE:MOTION`.
+        config_file: settings of all runs.
+        settings: `section.key=value`, or several values apart by commas: each is tried, with each
+            of the others.
+        seeds: simulations are run with so many, from 0 on.
+        calibration: files; `{folder}` and `{stem}` stand for the recording's.
+        ground_truth: file or topic, likewise.
+        camera: which of the calibration's cameras.
+        imu: whose typical noise to take.
+
+    Raises:
+        RuledgraphError: for a pattern nothing matches and settings that do not exist.
+    """
+    choices = [_values(setting) for setting in settings]
+    varied = {values[0].partition("=")[0] for values in choices if len(values) > 1}
+    jobs: list[Job] = []
+    for recording in _recordings(patterns):
+        simulated = recording.startswith(SIMULATED)
+        if simulated:
+            simulation_options(recording)
+        for chosen in product(*choices):
+            config = load_config(config_file, chosen)
+            jobs += [
+                Job(
+                    recording=recording,
+                    settings=tuple(s for s in chosen if s.partition("=")[0] in varied),
+                    seed=seed,
+                    config=config,
+                    calibration=tuple(_filled(file, recording) for file in calibration),
+                    ground_truth=_filled(ground_truth, recording) if ground_truth else None,
+                    camera=camera,
+                    imu=imu,
+                )
+                for seed in (range(seeds) if simulated else (None,))
+            ]
+    if seeds > 1 and all(job.seed is None for job in jobs):
+        raise RuledgraphError(
+            "--seeds: a recording has no randomness; name simulations, such as sim:room:free"
+        )
+    return jobs
+
+
+def simulation_options(recording: str) -> dict[str, Any]:
+    """The options in a `sim:` source.
+
+    Raises:
+        RuledgraphError: for one there is not, or without scene and motion.
+    """
+    name, _, query = recording.removeprefix(SIMULATED).partition("?")
+    if not all(name.partition(":")):
+        raise RuledgraphError(
+            f"{recording}: write sim:SCENE:MOTION, see ruledgraph simulate --list"
+        )
+    try:
+        pairs = parse_qsl(query, keep_blank_values=True)
+        return {key: _SIMULATION_OPTIONS[key](value) for key, value in pairs}
+    except (KeyError, ValueError):
+        raise RuledgraphError(
+            f"{recording}: options are {', '.join(_SIMULATION_OPTIONS)}, as of ruledgraph "
+            "simulate, with their values"
+        ) from None
+
+
+def _recordings(patterns: Sequence[str]) -> list[str]:
+    found: list[str] = []
+    for pattern in patterns:
+        if pattern.startswith(SIMULATED) or "://" in pattern:
+            matches = [pattern]
+        else:
+            there = Path(pattern).exists()
+            # `Path.glob` takes no absolute patterns.
+            matches = [pattern] if there else sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207
+            if not matches:
+                raise RuledgraphError(f"{pattern}: no recording is there, and the pattern has none")
+        found += [match for match in matches if match not in found]
+    return found
+
+
+def _values(setting: str) -> list[str]:
+    name, equals, values = setting.partition("=")
+    return [f"{name.strip()}{equals}{value.strip()}" for value in values.split(",")]
+
+
+def _filled(text: str, recording: str) -> str:
+    return text.replace("{folder}", str(Path(recording).parent)).replace("{stem}", stem(recording))

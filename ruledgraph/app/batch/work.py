@@ -1,0 +1,93 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""One run of a batch, as a worker does it: a job comes in, its results go back."""
+
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+from scipy.spatial.transform import Rotation
+
+from ruledgraph.app.batch.jobs import SIMULATED, Job, simulation_options, stem
+from ruledgraph.app.calibration_choice import calibration_for
+from ruledgraph.app.runner import run
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
+from ruledgraph.recording import open_recording
+from ruledgraph.simulation.options import simulation_from_options
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a run."""
+
+    error: str = ""
+    """Why it failed, in a line; empty if it did not."""
+    summary: dict[str, Any] = field(default_factory=dict)
+    """What `summary.json` holds."""
+    files: dict[str, bytes] = field(default_factory=dict)
+    """The results' files, by name: no folder need be shared with the worker."""
+
+
+def run_job(job: Job) -> Outcome:
+    """Run it; whatever goes wrong is in the outcome."""
+    cv2.setNumThreads(1)  # the workers share the cores
+    with tempfile.TemporaryDirectory(prefix="ruledgraph-") as folder:
+        output, error, summary = Path(folder, "results"), "", {}
+        try:
+            summary = _run(job, output, Path(folder))
+        except RuledgraphError as problem:
+            error = str(problem)
+        except Exception as problem:  # noqa: BLE001 - the other runs go on
+            error = f"{type(problem).__name__}: {problem}".replace("\n", " ")
+        paths = output.iterdir() if output.is_dir() else ()
+        files = {path.name: path.read_bytes() for path in paths if path.is_file()}
+    return Outcome(error, summary, files)
+
+
+def _run(job: Job, output: Path, folder: Path) -> dict[str, Any]:
+    inputs = {"recording": job.recording, "ground truth": job.ground_truth or ""}
+    if job.recording.startswith(SIMULATED):
+        scene, _, motion = stem(job.recording).partition(":")
+        options = simulation_options(job.recording)
+        simulation = simulation_from_options(scene, motion, seed=job.seed or 0, **options)
+        true = simulation.ground_truth
+        quaternions = Rotation.from_matrix(true.rotation).as_quat()
+        truth = GroundTruth(true.stamps, true.position, quaternions)
+        return run(
+            simulation.stream(),
+            simulation.calibration,
+            job.config,
+            output,
+            ground_truth=truth,
+            inputs=inputs | {"seed": str(job.seed)},
+        )
+    path = _local(job.recording, folder)
+    source = open_recording(path)
+    files = [_local(file, folder) for file in job.calibration]
+    calibration = calibration_for(path, source, files, job.camera, job.imu)
+    known = job.ground_truth and _local(job.ground_truth, folder)
+    return run(
+        source.stream(),
+        calibration,
+        job.config,
+        output,
+        ground_truth=read_ground_truth(str(known), source) if known else None,
+        inputs=inputs | {"calibration": ", ".join(job.calibration)},
+        warnings=lambda: source.report.warnings,
+    )
+
+
+def _local(source: str, folder: Path) -> Path:
+    """A path, of a URL after fetching the file."""
+    if "://" not in source:
+        return Path(source)
+    import fsspec
+
+    try:
+        options = {"cache_storage": str(folder), "same_names": True}
+        return Path(fsspec.open_local(f"simplecache::{source}", simplecache=options))
+    except (OSError, ValueError, ImportError) as error:
+        raise RuledgraphError(f"{source}: cannot be fetched: {error}") from None

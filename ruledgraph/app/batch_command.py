@@ -1,0 +1,103 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""`ruledgraph batch`: plans the runs, has them run, keeps what comes of them."""
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from ruledgraph.app.batch.cluster import run_all
+from ruledgraph.app.batch.jobs import Job, plan
+from ruledgraph.app.batch.store import Store
+from ruledgraph.app.batch.work import Outcome
+
+
+def batch_command(
+    recordings: Sequence[str],
+    *,
+    calibration_files: Sequence[Path],
+    camera: str | None,
+    imu: str | None,
+    ground_truth: str | None,
+    config_file: Path | None,
+    settings: Sequence[str],
+    seeds: int,
+    workers: int,
+    scheduler: str | None,
+    output: Path,
+    force: bool,
+) -> None:
+    """See `ruledgraph batch --help`."""
+    jobs = plan(
+        recordings,
+        config_file=config_file,
+        settings=settings,
+        seeds=seeds,
+        calibration=[str(file) for file in calibration_files],
+        ground_truth=ground_truth,
+        camera=camera,
+        imu=imu,
+    )
+    store = Store(output)
+    wanted = [job for job in jobs if force or store.error(job) != ""]
+    if kept := len(jobs) - len(wanted):
+        click.echo(f"{kept} of {len(jobs)} runs are there already; --force runs them again")
+    try:
+        if wanted:
+            with _progress(len(wanted)) as show:
+
+                def done(job: Job, outcome: Outcome) -> None:
+                    store.put(job, outcome)
+                    show(job, outcome)
+
+                run_all(wanted, done, workers=workers, scheduler=scheduler)
+    except KeyboardInterrupt:
+        click.echo("interrupted: the same command goes on where it was", err=True)
+    finally:
+        tables = store.write_tables(jobs)
+    failed = [job for job in jobs if store.error(job)]
+    for job in failed:
+        click.echo(f"failed: {job.name}: {store.error(job)}", err=True)
+    there = sum(store.error(job) == "" for job in jobs)
+    click.echo(f"{there} of {len(jobs)} runs are complete, {len(failed)} failed")
+    for path in tables:
+        click.echo(str(path))
+    if there < len(jobs):
+        sys.exit(1)
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Callable[[Job, Outcome], None]]:
+    """One bar on a terminal, elsewhere a line for each run."""
+    if not sys.stderr.isatty():
+        count = 0
+
+        def tell(job: Job, outcome: Outcome) -> None:
+            nonlocal count
+            count += 1
+            click.echo(f"{count}/{total} {job.name}: {outcome.error or 'done'}", err=True)
+
+        yield tell
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[failed]} failed"),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("batch", total=total, failed=0)
+        failed = 0
+
+        def show(job: Job, outcome: Outcome) -> None:
+            nonlocal failed
+            failed += bool(outcome.error)
+            bar.update(task, advance=1, failed=failed, description=job.name[:40])
+
+        yield show
