@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from ruledgraph.core.trajectory import Trajectory as Trajectory
     from ruledgraph.core.trajectory import read_tum as read_tum
     from ruledgraph.live import LiveOdometry as LiveOdometry
+    from ruledgraph.live.smooth import smooth as smooth
     from ruledgraph.odometry import Odometry as Odometry
-    from ruledgraph.odometry import smooth as smooth
     from ruledgraph.recording import open_recording as open_recording
 
     __version__: str
@@ -48,7 +48,7 @@ _LAZY = {
     "open_recording": "recording",
     "read_calibration": "calibration",
     "read_tum": "core.trajectory",
-    "smooth": "odometry",
+    "smooth": "live.smooth",
 }
 __all__ = ["__version__", *_LAZY]
 

@@ -71,7 +71,7 @@ class FrameHistory:
 
     def forget(self, before: float) -> None:
         """Drop frames before a time, s."""
-        while self._frames[0].time < before:
+        while self._frames and self._frames[0].time < before:
             self._frames.popleft()
 
     def clear(self) -> None:

@@ -34,6 +34,23 @@ class Stages(NamedTuple):
     clock: CameraClock
     output: Output
 
+    @classmethod
+    def build(cls, calibration: Calibration, config: Config, output: Output) -> "Stages":
+        """Those of an odometry with this output."""
+        sensors = Synchronizer(calibration, output.warnings, config.imu)
+        front_end = FrontEnd(calibration.camera, config.edges, config.tracks, output.timings)
+        rest = RestDetector(sensors, front_end.image_motion, config.rest)
+        given = calibration.time_offset
+        clock = CameraClock(sensors, given, config.time_offset, output.warnings)
+        return cls(sensors, front_end, rest, clock, output)
+
+    def forget(self, before: float) -> None:
+        """Drop lost tracks, and what was measured before a time, s."""
+        self.sensors.frames.forget(before)
+        self.sensors.imu.forget(before)
+        if self.sensors.frames:
+            self.front_end.drop_lost(self.sensors.frames.first.stamp)
+
 
 class TrajectorySegment:
     """A sliding window with its integrity monitor, carried on frame by frame.
@@ -98,9 +115,10 @@ class TrajectorySegment:
         """Whether a frame at a time (s) gets a state."""
         return time - self.window.newest.time >= self._config.window.state_interval - EARLY
 
-    def detect_every(self, rate: float) -> float:
-        """How often new lines are looked for, s, when it is `rate` in motion."""
-        return self._idle if self._still else rate
+    @property
+    def detection_interval(self) -> float:
+        """How often new lines are looked for, s."""
+        return self._idle if self._still else self._config.tracks.detection_interval
 
     @property
     def _idle(self) -> float:

@@ -15,7 +15,8 @@ from ruledgraph.core.measurements import Frame, Gap, ImuSample, Measurement
 from ruledgraph.core.settings import load_config
 from ruledgraph.evaluation import alignment
 from ruledgraph.frontend.gradient import Gradient
-from ruledgraph.integrity.segments import Trial, heading
+from ruledgraph.initialization.trial import Trial
+from ruledgraph.integrity.segments import heading
 from ruledgraph.odometry import Odometry
 from ruledgraph_factors import kernel
 from small_simulation import frames, small_simulation, small_stream

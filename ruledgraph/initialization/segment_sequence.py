@@ -1,0 +1,168 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Trajectory segments: each begins with a start and ends with a failure or a gap."""
+
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.config import Config
+from ruledgraph.core.measurements import Gap
+from ruledgraph.frontend.front_end import Predicted
+from ruledgraph.frontend.ruling_prediction import CameraMotion
+from ruledgraph.imu.frame_history import FrameTime
+from ruledgraph.imu.propagation import rotation_between
+from ruledgraph.initialization.clock_search import ClockSearch
+from ruledgraph.initialization.initializer import Initializer
+from ruledgraph.initialization.trial import Trial
+from ruledgraph.integrity.segment import Stages, TrajectorySegment
+from ruledgraph.integrity.segments import Drift, Ended, continued
+
+
+class SegmentSequence:
+    """Begins, confirms and ends segments."""
+
+    def __init__(self, calibration: Calibration, config: Config, stages: Stages) -> None:
+        self.current: TrajectorySegment | None = None
+        """None before a start, and between a segment's end and the next start."""
+        self.last_believed: Ended | None = None
+        """The last that was known before the segment; the next one begins there."""
+        self.initializer = Initializer(calibration, config, stages)
+        self.clock_search = ClockSearch(calibration, config, stages.output.warnings)
+        """Of the time offset, by how the images turn."""
+        self._calibration = calibration
+        self._config = config
+        self._stages = stages
+        self._trial: Trial | None = None
+        self._count = 0
+
+    def predicted(self, now: FrameTime) -> Predicted | None:
+        """The camera's motion since the last frame, and the lines of the graph; None for the first
+        frame.
+        """
+        sensors, body_T_cam = self._stages.sensors, self._calibration.body_T_cam
+        if not sensors.frames:
+            return None
+        before = sensors.frames.last
+        elapsed = now.time - before.time
+        if self.current is None:
+            body_R_cam = body_T_cam.rotation()
+            before_R_body = rotation_between(sensors.imu, before.time, now.time)
+            R = body_R_cam.matrix().T @ before_R_body.matrix().T @ body_R_cam.matrix()
+            return Predicted(CameraMotion(R, elapsed, body_T_cam, body_T_cam), {})
+        world_T_before = self.current.state.pose().compose(body_T_cam)
+        world_T_cam = self.current.predict(now.time).pose().compose(body_T_cam)
+        R = world_T_cam.between(world_T_before).rotation().matrix()
+        motion = CameraMotion(R, elapsed, world_T_before, world_T_cam)
+        return Predicted(motion, self.current.predicted_lines(now.time))
+
+    # -- beginning -------------------------------------------------------------------------------
+
+    def try_start(self, now: FrameTime) -> bool:
+        """Begin a segment if what was seen so far allows it."""
+        if self.initializer.is_due(now.time) and self._search_clock(now.time):
+            return False
+        first = self.initializer.attempt(now, self.clock_search.config)
+        if first is None:
+            return False
+        start, drift = first.start, Drift()
+        if self.last_believed is not None:
+            start, drift = continued(start, self.last_believed, self._config.integrity)
+        self.current = TrajectorySegment(
+            self._count,
+            self._calibration,
+            self._config,
+            self._stages,
+            start,
+            first.frames,
+            drift,
+            self.last_believed,
+        )
+        self._count += 1
+        self._trial = None
+        if not self.current.confirmed:
+            self._trial = Trial(start, now.time, self._config.integrity)
+        return True
+
+    def goes_on(self, segment: TrajectorySegment, now: FrameTime) -> bool:
+        """Whether the segment does, when a state was added; a start in motion that was none is
+        taken back.
+        """
+        trial, failure, warnings = self._trial, segment.failure, self._stages.output.warnings
+        if trial is not None:
+            passed = trial.passed(segment.window)
+            if trouble := trial.trouble or failure:
+                warnings.append(
+                    f"the start in motion before {now.time:.2f} s is taken back: {trouble}"
+                )
+                self._take_back(now.time)
+                return False
+            if passed:
+                segment.confirm()
+                self._trial = None
+        elif failure:
+            warnings.append(f"{failure} at {now.time:.2f} s: a new segment begins")
+            self.end()
+            return False
+        return not self._search_clock(now.time)
+
+    def _take_back(self, time: float) -> None:
+        """Forget a start that is on trial."""
+        self.current = self._trial = None
+        self._count -= 1
+        self.initializer.wait_from(time)
+
+    def _search_clock(self, time: float) -> bool:
+        """Time the frames by the offset that the images tell, if that is another one."""
+        clock = self._stages.clock
+        # Before a start the calibration stands until something speaks against it.
+        known = clock.offset._replace(sigma=0.0) if self.current is None else clock.offset
+        found = self.clock_search.search(self._stages.sensors.imu, known)
+        if found is None:
+            return False
+        if self._trial is not None:
+            self._take_back(time)
+        elif self.current is not None:
+            self.end()
+        correction = found.value - self._calibration.time_offset
+        self.initializer.retime(correction - self._stages.sensors.correction)
+        clock.offset = found
+        return True
+
+    # -- ending ----------------------------------------------------------------------------------
+
+    def end_at(self, gap: Gap) -> None:
+        """The IMU was silent: end the segment, begin anew."""
+        sensors = self._stages.sensors
+        if self.current is not None:
+            self._stages.output.warnings.append(
+                f"no IMU for {(gap.stop - gap.start) * 1e-9:.2f} s from "
+                f"{sensors.seconds(gap.start):.2f} s: a new segment begins where the last one ended"
+            )
+        self.end()
+        sensors.begin_anew(gap.stop)
+
+    def end_after_silence(self, time: float) -> None:
+        """Without a frame for so long (until a time, s) that nothing of the window is left: end
+        the segment.
+        """
+        segment = self.current
+        if segment is None or time - segment.window.newest.time < self._config.window.lag:
+            return
+        since = self._stages.sensors.frames.last.time
+        self._stages.output.warnings.append(
+            f"no frame for {time - since:.2f} s from {since:.2f} s: a new segment begins where the "
+            "last one ended"
+        )
+        self.end()
+
+    def end(self) -> None:
+        """End the segment and forget what was seen."""
+        self.finish()
+        self._stages.sensors.frames.clear()
+        self._stages.front_end.clear()
+        self.clock_search.begin_anew()
+
+    def finish(self) -> None:
+        """Hand out what is still in the window."""
+        if self.current is not None:
+            self.current.finish()
+            self.last_believed = self.current.ended
+        self.current = self._trial = None
