@@ -77,7 +77,7 @@ class StartConfig(Section):
     between_attempts: float = number(0.25, "s", 0.01, 10.0)
     """Time between two attempts."""
     window: float = number(1.25, "s", 0.4, 10.0)
-    """Longest first window of a start in motion: within the smoother's lag."""
+    """Longest first window of a start in motion; no longer than the smoother's lag."""
     shortest: float = number(0.9, "s", 0.2, 10.0)
     """Shortest first window: in less time a wrong motion explains the lines too often. Where
     `window` is less, that counts."""
@@ -280,7 +280,6 @@ class Config(Section):
         for fits, wrong in (
             (4.0 * self.window.state_interval <= lag, "hold 4 times window.state_interval"),
             (self.tracks.min_track_age < lag, "exceed tracks.min_track_age"),
-            (self.start.window <= lag, "be no less than start.window"),
         ):
             if not fits:
                 raise ValueError(f"window.lag must {wrong}: change both, or neither")

@@ -81,7 +81,6 @@ class Messages(list[str]):
 
     def append(self, message: str) -> None:
         """Keep a message, or count it."""
-        _log.warning("%s", message)
         self.counted(_FIGURES.sub("#", message), message)
 
     def once(self, kind: str, message: str) -> None:
@@ -98,6 +97,7 @@ class Messages(list[str]):
                 return
             self._counts[kind] = len(self), 0, message
             super().append(message)
+            _log.warning("%s", message)
         place, count, first = self._counts[kind]
         self._counts[kind] = place, count + 1, first
         if count:

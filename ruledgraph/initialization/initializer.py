@@ -90,13 +90,14 @@ class Initializer:
         knows more, in the shorter one fewer lines were lost.
         """
         start = self._config.start
+        longest = min(start.window, self._config.window.lag)
         imu, frames = self._sensors.imu, self._sensors.frames
         available = now.time - frames.first.time
-        shortest = min(start.shortest, start.window)
+        shortest = min(start.shortest, longest)
         if available < shortest - EARLY:
             return None
-        longest, self._takes_longest = self._takes_longest, not self._takes_longest
-        length = min(start.window, available) if longest else shortest
+        length = min(longest, available) if self._takes_longest else shortest
+        self._takes_longest = not self._takes_longest
         if imu.doubts(now.time - length, now.time):
             return None
         self._last_attempt = now.time

@@ -15,6 +15,7 @@ from ruledgraph_factors import GeometricPoints, RuledSurfaceFactor
 
 SOURCE = CPP / "factor_test.cpp"
 KINDS = ("knot", "knot_time_offset", "knot_gravity_direction", "knot_gravity_vector", "pose")
+IN_CPP = [form for form in FORMS if form in KINDS]
 BOUND = 1e-12
 
 
@@ -55,7 +56,7 @@ def numbers(case: Case, factor: RuledSurfaceFactor) -> list[object]:
 
 def test_residuals_and_jacobians_are_those_of_python(program: Path) -> None:
     cases = [random_case(seed) for seed in range(3)]
-    factors = [(c, c.factor(form, kind)) for c in cases for form in FORMS for kind in POINTS]
+    factors = [(c, c.factor(form, kind)) for c in cases for form in IN_CPP for kind in POINTS]
     text = numbers_of([part for case, factor in factors for part in numbers(case, factor)])
     found = Reader(run(program, text=text))
     for case, factor in factors:

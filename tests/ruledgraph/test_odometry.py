@@ -222,7 +222,7 @@ def test_a_gap_in_the_imu_begins_a_new_segment():
 
 
 def test_a_camera_that_is_silent_for_longer_than_the_window_begins_a_new_segment():
-    stream, calibration = small_stream(duration=8.0)
+    stream, calibration = small_stream(duration=11.0)
     first = stream[0].stamp
     silent = [
         m
@@ -241,7 +241,7 @@ def test_blank_frames_never_start_and_never_crash():
     ]
     odometry, live, _ = run(blank, calibration)
     assert live == []
-    assert any("0 lines were followed long enough, 6 are" in text for text in odometry.warnings)
+    assert any("0 lines were followed long enough, 2 are" in text for text in odometry.warnings)
 
 
 @pytest.mark.parametrize("rate", [10.0, 15.0])

@@ -39,7 +39,7 @@ inline double capped_sqrt_weight(const PointRows& points, double effective_point
 /// statistics. `effective_points` is the most that a frame may say, in points: neighbouring edge
 /// pixels are not independent. Throws std::invalid_argument for a frame without points.
 inline GeometricPoints compress_points(const std::vector<PointRows>& frames,
-                                        double effective_points = kNoCap) {
+                                       double effective_points = kNoCap) {
   GeometricPoints compressed;
   for (const PointRows& points : frames) {
     const double root = detail::capped_sqrt_weight(points, effective_points);
@@ -51,7 +51,7 @@ inline GeometricPoints compress_points(const std::vector<PointRows>& frames,
 
 /// The same points one by one, for the reprojection residual.
 inline ReprojectionPoints individual_points(const std::vector<PointRows>& frames,
-                                          double effective_points = kNoCap) {
+                                            double effective_points = kNoCap) {
   Eigen::Index count = 0;
   for (const PointRows& points : frames) count += points.rows();
   ReprojectionPoints individual{Eigen::Matrix2Xd(2, count), Eigen::VectorXd(count), {}};

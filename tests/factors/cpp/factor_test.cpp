@@ -145,8 +145,7 @@ bool throws(const Call& call) {
 
 void sizes_are_checked() {
   const LineChart chart = LineChart{Matrix3::Identity(), Vector3::Zero(), Matrix3::Identity(), 0.5};
-  const GeometricPoints one{{Matrix3::Identity()}},
-      two{{Matrix3::Identity(), Matrix3::Identity()}};
+  const GeometricPoints one{{Matrix3::Identity()}}, two{{Matrix3::Identity(), Matrix3::Identity()}};
   const auto noise = [](std::size_t dim) { return gtsam::noiseModel::Unit::Create(dim); };
   const FrameMotions rest = FrameMotions::at_rest();
   assert(!throws([&] { RuledSurfacePoseFactor(noise(3), 0, 1, chart, one); }));

@@ -39,7 +39,7 @@ def test_help_says_what_it_is(flag: str) -> None:
     listed = result.stdout.partition("Commands:")[2].split("\n")
     commands = [line.split()[0] for line in listed if line[2:3].isalpha()]
     workflow = ["simulate", "info", "smooth", "batch", "evaluate", "report", "export"]
-    assert commands == [*workflow, "completion"]
+    assert commands == [*workflow, "completion", "settings"]
 
 
 def _options() -> list[tuple[str, click.Option]]:

@@ -28,7 +28,7 @@ def rows(**changes) -> dict[str, str]:
 def test_shares_are_of_the_right_whole():
     found = rows()
     assert found["Frames"] == "180 of 200 estimated (90.0 %)"
-    assert found["Status"] == "tracking 75.0 %, still 25.0 %"
+    assert found["Status"] == "tracking 67.5 %, still 22.5 %"
     assert found["Lines"] == "30 in the map, 9.2 in view on average"
     assert found["Speed"] == "10.0 s of recording in 4.0 s, 2.50 of real time"
     assert found["Next"] == "ruledgraph report out"
@@ -36,7 +36,7 @@ def test_shares_are_of_the_right_whole():
 
 
 def test_errors_offset_and_recoveries_where_there_are_some():
-    offset = {"s": -0.00151, "sigma_s": 0.0001, "estimated": True}
+    offset = {"s": -0.00151, "sigma_s": 0.0001, "estimated": True, "given_s": 0.002}
     found = rows(
         accuracy={"trajectory": ACCURACY, "trajectory_live": {"error": "no overlap"}},
         time_offset=offset,
@@ -46,9 +46,11 @@ def test_errors_offset_and_recoveries_where_there_are_some():
         "12.3 mm RMSE, 50.0 mm at most, over 12.0 m; drift 4.0 mm per metre (RPE)"
     )
     assert found["ATE live"] == "no overlap"
-    assert found["Time offset"] == "t_imu - t_cam = -1.51 ± 0.10 ms, found from the data"
+    assert found["Time offset"] == "t_imu - t_cam = -1.51 ± 0.10 ms, estimated; +2.0 ms as given"
     assert found["Lines"].endswith("; 1 recoveries")
-    assert "Time offset" not in rows(time_offset=offset | {"estimated": False})
+    assert rows(time_offset=offset | {"estimated": False})["Time offset"] == (
+        "+2.0 ms as given, not estimated"
+    )
 
 
 def test_a_run_that_never_started():

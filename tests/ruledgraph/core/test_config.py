@@ -62,7 +62,6 @@ def test_a_value_of_the_file_that_is_wrong_is_named_with_the_file(tmp_path):
         ("edges.detector=canny", "'canny' is none of lsd, hough"),
         ("window.lag=0.01", "--set window.lag: must lie in 0.04 to 60 s"),
         ("window.lag=0.7", "window.lag must hold 4 times window.state_interval"),
-        ("start.window=9", "window.lag must be no less than start.window"),
         ("tracks.min_track_age=2", "window.lag must exceed tracks.min_track_age"),
         ("edges.min_length=1", "--set edges.min_length: must lie in 20 to 10,000 px"),
         ("window.updates=-1", "--set window.updates: must lie in 0 to 20"),

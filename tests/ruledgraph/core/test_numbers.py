@@ -17,11 +17,6 @@ MEMORY = "bounds memory or work"
 ALLOWED = {
     "backend/landmarks.py": {"_KEPT": MEMORY, "_INFINITE": NUMERICS, "_PARALLEL": NUMERICS},
     "backend/line_map.py": {"_AT_INFINITY": NUMERICS},
-    "backend/triangulation.py": {
-        "_INVERSE_DISTANCES": "where a minimum is searched from",
-        "_TURNS": "where a minimum is searched from",
-        "_BEST_STARTS": MEMORY,
-    },
     "frontend/detection.py": {"_MOST_PREFETCHED": MEMORY},
     "frontend/edge_batch.py": {"_GROWTH": NATIVE, "_LEVEL": NUMERICS, "_LEAST_PART": NUMERICS},
     "frontend/edge_search.py": dict.fromkeys(

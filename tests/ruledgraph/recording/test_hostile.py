@@ -278,7 +278,7 @@ def test_topics_named_like_paths_write_nothing_elsewhere(
         ["info", bag],
     ):
         result = CliRunner().invoke(main, list(map(str, command)))
-        assert result.exit_code == 0, result.output
+        assert result.exit_code in (0, 3), result.output  # 3: no estimate
     new = set(tmp_path.rglob("*")) - before
     assert {p.relative_to(work).parts[0] for p in new} == {"out", "out.bag", "run"}
 
