@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from ruledgraph.app.interrupts import CaughtSignals
 from ruledgraph.app.results import Results
 from ruledgraph.app.trajectory_files import TrajectoryFormat
 from ruledgraph.calibration.sensors import Calibration
@@ -119,11 +120,14 @@ def run(
     tally = _Tally()
     ended = "complete"
     started = clock.perf_counter()
-    with Results(output, config, formats) as results:
+    with Results(output, config, formats) as results, CaughtSignals() as caught:
         writers = [results.write, *([record] if record is not None else [])]
         try:
             with reading as taken:
                 for measurement in taken:
+                    if caught.number:
+                        ended = "interrupted"
+                        break
                     odometry.add(measurement)
                     if isinstance(measurement, Frame):
                         _hand_over(odometry, writers, tally, measurement)
@@ -151,6 +155,8 @@ def run(
                 "inputs": dict(inputs or {}),
             }
             summary = about | _summary(odometry, tally, elapsed, lines, ended)
+            if caught.number:
+                summary["signal"] = caught.number
             if ended == "complete" and tally.estimates < _FEW * max(tally.frames, 1):
                 summary["likely_causes"] = causes()
             if ground_truth is not None and tally.estimates:

@@ -4,6 +4,7 @@
 
 import ctypes
 import dataclasses
+import signal
 import sys
 import time as clock
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -43,8 +44,8 @@ _FEW_WARNINGS = 5
 _PROGRESS_INTERVAL = 5.0
 # Of glibc's malloc.h.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
-_NOTHING_ESTIMATED = 3
-"""The exit code then."""
+_NOTHING_ESTIMATED, _BY_SIGNAL = 3, 128
+"""Exit codes; to the second the number of the signal is added."""
 _OFF = {
     NO_ESTIMATE: "there was no start, or none held",
     "dead reckoning": "the IMU alone carried them",
@@ -152,6 +153,9 @@ def smooth_command(
         click.echo(f"video: {video}", err=True)
     if bag is not None:
         click.echo(f"for RViz and Foxglove: {bag.path}", err=True)
+    if summary["ended"] == "interrupted":
+        # As shells say it: 130 for SIGINT, 143 for SIGTERM.
+        click.get_current_context().exit(_BY_SIGNAL + summary.get("signal", signal.SIGINT))
     if not summary["frames_estimated"] and summary["ended"] == "complete":
         click.get_current_context().exit(_NOTHING_ESTIMATED)
 

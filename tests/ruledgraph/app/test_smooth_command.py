@@ -5,7 +5,9 @@
 import csv
 import itertools
 import json
+import os
 import re
+import signal
 import threading
 from pathlib import Path
 
@@ -177,6 +179,28 @@ def test_a_recording_that_does_not_exist():
     assert result.exit_code == 2
     assert "nothing.bag" in result.output
     assert "Traceback" not in result.output
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_a_run_between_two_measurements(tmp_path, number):
+    """Every frame that was estimated live is there smoothed, too."""
+    stream, calibration = small_stream()
+    before = signal.getsignal(number)
+
+    def signalled():
+        for i, measurement in enumerate(stream):
+            if i == len(stream) // 2:
+                os.kill(os.getpid(), number)
+            yield measurement
+
+    summary = run(signalled(), calibration, Config(), tmp_path / "out")
+    assert (summary["ended"], summary["signal"]) == ("interrupted", number)
+    assert signal.getsignal(number) is before
+    live, smoothed = (
+        read_tum(tmp_path / "out" / f"{name}.tum") for name in ("trajectory_live", "trajectory")
+    )
+    assert len(live.stamps) == summary["frames_estimated"] > 20
+    assert set(live.stamps) <= set(smoothed.stamps)
 
 
 def test_an_interrupt_leaves_everything_up_to_then(tmp_path):
