@@ -7,9 +7,8 @@ from collections.abc import Callable
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from ruledgraph.core.arrays import FloatArray
 
 # Weights of the 4-point central difference: error of order step^4.
 _STENCIL = ((1, 8.0), (-1, -8.0), (2, -1.0), (-2, 1.0))

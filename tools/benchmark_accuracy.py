@@ -24,7 +24,8 @@ import click
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import Calibration, FloatArray
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.measurements import Frame, Measurement

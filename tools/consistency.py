@@ -25,7 +25,7 @@ import numpy as np
 from scipy.stats import beta, chi2
 
 from benchmark_accuracy import nees
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate

@@ -17,9 +17,9 @@ import gtsam
 import numpy as np
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import E, P, Q, S, U  # line, pose, point, velocity, bias: any keys do
-from numpy.typing import NDArray
 
 from ruledgraph.calibration.sensors import D435I_LIKE
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph.simulation.edges import observe_segment
 from ruledgraph_factors import (
@@ -34,8 +34,6 @@ from ruledgraph_factors import (
     preintegrate_frames,
     ruled_surface_factor,
 )
-
-FloatArray = NDArray[np.float64]
 
 SEEDS = range(5)
 KNOT_TIMES = 0.1 * np.arange(31)

@@ -42,7 +42,7 @@ from scipy.spatial.transform import Rotation
 
 import fault_scenes
 from fault_cases import CLEAN, Case, cases
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Gap, Measurement
 from ruledgraph.core.trajectory import Trajectory

@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 
 from paper_figures import ROWS, TITLES, Row
 from ruledgraph.baselines.paper import PaperOdometry
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import ImuSample

@@ -24,7 +24,8 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from PIL import Image
 
-from ruledgraph.calibration.sensors import CameraModel, FloatArray
+from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.estimates import LineEstimate
 from ruledgraph.core.figure_style import line_color
 from ruledgraph.core.measurements import Frame

@@ -4,7 +4,7 @@
 
 from pathlib import Path
 
-from ruledgraph.core.trajectory import FloatArray
+from ruledgraph.core.arrays import FloatArray
 
 
 def write_ply(path: Path, ends: FloatArray) -> None:

@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
@@ -17,8 +17,11 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.settings import config_text
-from ruledgraph.core.trajectory import FloatArray, TumWriter, seconds
+from ruledgraph.core.trajectory import TumWriter, seconds
 from ruledgraph_factors import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    from ruledgraph.core.arrays import FloatArray
 
 _AXES = "xyz"
 _STATE_COLUMNS = [

@@ -11,7 +11,8 @@ import gtsam
 import numpy as np
 from rosbags import rosbag2
 
-from ruledgraph.calibration.sensors import Calibration, FloatArray
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate, LineEstimate

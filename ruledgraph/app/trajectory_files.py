@@ -8,9 +8,10 @@ from typing import Literal, TextIO, TypeAlias
 
 import numpy as np
 
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.context import Closing
 from ruledgraph.core.estimates import Estimate
-from ruledgraph.core.trajectory import FloatArray, seconds
+from ruledgraph.core.trajectory import seconds
 
 TrajectoryFormat: TypeAlias = Literal["kitti", "euroc"]
 """Beside TUM's, which is always written."""

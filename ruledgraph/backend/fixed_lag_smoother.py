@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 from scipy.linalg import block_diag
 
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import WindowConfig
 from ruledgraph.core.errors import RuledgraphError
 

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.estimates import LineEstimate
 from ruledgraph.core.line_observations import LinePrediction
 from ruledgraph_factors import FactorError, LineChart

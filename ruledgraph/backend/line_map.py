@@ -20,7 +20,8 @@ from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.landmarks import Landmark, note_reach
 from ruledgraph.backend.line_factors import compressed_points, new_line_factors, observation
 from ruledgraph.backend.states import Interval
-from ruledgraph.calibration.sensors import Calibration, FloatArray
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph_factors import FactorError, LineChart, same_line_factor, triangulate_line

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import gtsam
 
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph_factors import LineChart
 

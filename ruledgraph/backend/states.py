@@ -13,7 +13,7 @@ from gtsam.symbol_shorthand import B, V, X
 
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.time_offset import OffsetLink
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Covariances, blocks
 from ruledgraph.core.line_observations import Sighting

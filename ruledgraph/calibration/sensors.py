@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 import gtsam
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ruledgraph.calibration.wide_angle import (
     WIDE_ANGLE,
@@ -16,10 +16,9 @@ from ruledgraph.calibration.wide_angle import (
     project,
     unproject,
 )
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph_factors import STANDARD_GRAVITY
-
-FloatArray = NDArray[np.float64]
 
 DistortionModel = Literal["none", "radtan", "equidistant", "omni", "eucm", "ds"]
 _COEFFICIENTS: dict[str, tuple[int, ...]] = {

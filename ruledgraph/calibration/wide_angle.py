@@ -15,9 +15,8 @@ Only what lies in front of the camera, z > 0, has normalised coordinates.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from ruledgraph.core.arrays import FloatArray
 
 WIDE_ANGLE = ("omni", "eucm", "ds")
 

@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.time_offset import NO_OFFSET, TimeOffset
 from ruledgraph.core.trajectory import quaternion_xyzw
 

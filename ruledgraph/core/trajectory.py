@@ -11,11 +11,10 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.text_table import TableError, read_table
-
-FloatArray = NDArray[np.float64]
 
 # Printed digits and float32 pass; other columns taken for a quaternion do not.
 _UNIT = 0.1

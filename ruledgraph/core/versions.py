@@ -7,8 +7,6 @@ import platform
 from importlib.metadata import version
 from pathlib import Path
 
-from ruledgraph import __version__
-
 
 def version_text() -> str:
     """The versions in one line.
@@ -19,7 +17,7 @@ def version_text() -> str:
     from ruledgraph_factors import active_kernel
 
     return (
-        f"ruledgraph {__version__} ({active_kernel()} kernel, gtsam {version('gtsam')}, "
+        f"ruledgraph {version('ruledgraph')} ({active_kernel()} kernel, gtsam {version('gtsam')}, "
         f"numpy {version('numpy')}, Python {platform.python_version()})"
     )
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import Calibration, CameraModel, FloatArray, ImuNoise
+from ruledgraph.calibration.sensors import Calibration, CameraModel, ImuNoise
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import DEFAULTS
 from ruledgraph.core.measurements import Frame, ImuSample
 

@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.new_folder import new_folder
 from ruledgraph.core.trajectory import Trajectory, seconds
 from ruledgraph.evaluation.ground_truth import GroundTruth

@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.text_table import Table, TableError, read_table
 from ruledgraph.core.trajectory import Trajectory, TrajectoryError, continuous, unit
 
 if TYPE_CHECKING:  # loads the decoders of images and bags
     from ruledgraph.recording.recording import Recording
-
-FloatArray = NDArray[np.float64]
 
 POSITIONS = {
     "geometry_msgs/msg/PointStamped": "point",

@@ -4,7 +4,7 @@
 
 import numpy as np
 
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation.ground_truth import GroundTruth

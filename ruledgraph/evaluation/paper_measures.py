@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.evaluation.matching import EvaluationError, matched

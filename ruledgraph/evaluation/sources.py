@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
 from ruledgraph.evaluation.markers import Markers, read_markers
 from ruledgraph.evaluation.matching import EvaluationError

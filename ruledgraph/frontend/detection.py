@@ -6,7 +6,7 @@ import math
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
 
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.measurements import STAMP_JITTER, Frame
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.line_detection import Detector

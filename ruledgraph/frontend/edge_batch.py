@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import CameraModel, FloatArray
+from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.frontend import kernel
 from ruledgraph.frontend.edge_search import EdgePoints, Ruling, search
 from ruledgraph.frontend.gradient import Gradient

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.frontend.sobel import sobel_points
 
 Detector = Callable[[NDArray[np.uint8]], FloatArray]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.line_observations import LinePrediction
 from ruledgraph.frontend import kernel
 from ruledgraph.frontend.edge_batch import Rulings

@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import CameraModel, FloatArray
+from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.frontend.edge_search import (
     FEWEST_POINTS,
     LEAST_SUPPORT,

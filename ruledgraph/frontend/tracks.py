@@ -14,7 +14,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import CameraModel, FloatArray
+from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import DEFAULTS, EdgesConfig, TracksConfig
 from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph.frontend.edge_batch import Edges, Rulings, clipped, search_all, stacked

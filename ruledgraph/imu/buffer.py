@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import FloatArray, ImuNoise
+from ruledgraph.calibration.sensors import ImuNoise
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import DEFAULTS, ImuConfig
 from ruledgraph.imu.faults import Doubt, RangeWatch
 from ruledgraph_factors import ImuSamples

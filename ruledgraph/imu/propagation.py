@@ -7,7 +7,8 @@ from typing import Protocol
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import FloatArray, ImuNoise
+from ruledgraph.calibration.sensors import ImuNoise
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.imu.buffer import ImuBuffer, params_across
 from ruledgraph_factors import STANDARD_GRAVITY, FrameMotion, preintegrate_frames
 from ruledgraph_factors.so3 import hat

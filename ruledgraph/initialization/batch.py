@@ -11,7 +11,8 @@ import numpy as np
 from gtsam import noiseModel
 
 from ruledgraph.backend.line_factors import compressed_points
-from ruledgraph.calibration.sensors import Calibration, FloatArray
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph.initialization.closed_form import ClosedForm

@@ -23,7 +23,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import Calibration, FloatArray
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.initialization.image_rotation import PointPairs, followed_rays
 from ruledgraph.initialization.turn_fit import PARAMETERS, TurnFit
 from ruledgraph_factors import ImuSamples

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.line_observations import Sighting
 from ruledgraph_factors import STANDARD_GRAVITY, FrameMotion, ImuSamples, preintegrate_frames
 from ruledgraph_factors.so3 import exp_and_right_jacobian

@@ -19,7 +19,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import CameraModel, FloatArray
+from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.arrays import FloatArray
 
 # Points followed, and the fewest that say anything: five are the least for rotation and direction.
 _POINTS, _FEWEST_POINTS = 100, 20

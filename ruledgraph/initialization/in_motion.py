@@ -11,7 +11,8 @@ import gtsam
 import numpy as np
 
 from ruledgraph.backend.start import Start
-from ruledgraph.calibration.sensors import Calibration, FloatArray
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack
 from ruledgraph.core.time_offset import TimeOffset

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import Calibration, FloatArray
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.initialization.clock_offset import fit_offset
 from ruledgraph.initialization.image_rotation import PointPairs
 from ruledgraph.initialization.turn_fit import TurnFit, body_turns

@@ -8,7 +8,8 @@ Least squares in the clock offset, the gyroscope's bias and the mounting; see `c
 import cv2
 import numpy as np
 
-from ruledgraph.calibration.sensors import Calibration, FloatArray
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.initialization.image_rotation import (
     PointPairs,
     TurnEvidence,

@@ -18,7 +18,7 @@ from gtsam.symbol_shorthand import B, V, X
 
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import Interval, Knot
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config, IntegrityConfig
 from ruledgraph.core.estimates import Covariances
 from ruledgraph.core.timing import Messages

@@ -9,7 +9,8 @@ import gtsam
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import Interval
-from ruledgraph.calibration.sensors import FloatArray, ImuNoise
+from ruledgraph.calibration.sensors import ImuNoise
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import LinesConfig
 from ruledgraph.core.estimates import Estimate, Status, blocks
 from ruledgraph.core.output import Output

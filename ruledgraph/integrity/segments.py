@@ -9,7 +9,7 @@ import gtsam
 import numpy as np
 
 from ruledgraph.backend.start import Start
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Covariances
 

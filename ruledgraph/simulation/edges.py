@@ -5,7 +5,7 @@
 import gtsam
 import numpy as np
 
-from ruledgraph.simulation.motion import FloatArray
+from ruledgraph.core.arrays import FloatArray
 
 
 def observe_segment(

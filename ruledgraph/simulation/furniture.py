@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.simulation.lighting import Lamp, light
 from ruledgraph.simulation.materials import cluttered, plain, poster, wood
-from ruledgraph.simulation.motion import FloatArray
 from ruledgraph.simulation.scene import Material, Scene, Surface, box, panel, shell
 
 # Between things that would touch, m: surfaces in one plane have no order.

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruledgraph.calibration.sensors import ImuNoise
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import ImuSample
 from ruledgraph.core.text_table import read_table
-from ruledgraph.simulation.motion import FloatArray, Motion
+from ruledgraph.simulation.motion import Motion
 from ruledgraph_factors import STANDARD_GRAVITY, ImuSamples
 
 # Samples made at a time.

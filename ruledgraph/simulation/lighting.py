@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.simulation.motion import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.simulation.scene import Scene, Surface, Texture, border_lines
 
 # Light is computed on a grid this wide, in texture pixels, or finer on small surfaces, and

@@ -9,10 +9,11 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import make_lsq_spline
 from scipy.spatial.transform import Rotation
 
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation.ground_truth import read_ground_truth
-from ruledgraph.simulation.motion import FloatArray, Motion
+from ruledgraph.simulation.motion import Motion
 
 # Knots of the curve are this far apart, s, or twice the measurement's own interval. EuRoC's flights
 # are matched to 0.1 to 1.4 mm and 0.04 to 0.07 degrees RMS.

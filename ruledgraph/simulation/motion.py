@@ -7,14 +7,13 @@ from typing import NamedTuple, Protocol
 
 import gtsam
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation, RotationSpline
 
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph_factors.so3 import exp_and_right_jacobian
-
-FloatArray = NDArray[np.float64]
 
 
 class Motion(ABC):

@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
-from ruledgraph.simulation.motion import FloatArray, Motion, Path, PathMotion
+from ruledgraph.simulation.motion import Motion, Path, PathMotion
 from ruledgraph.simulation.paths import (
     Legs,
     VelocityChange,

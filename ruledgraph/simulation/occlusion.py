@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ruledgraph.simulation.motion import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.simulation.scene import Surface, edge_key
 
 # Edges of a fragment that are no border of its surface, and borders that no other surface shares.

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ruledgraph.simulation.motion import Derivatives, FloatArray, Path, smooth_step
+from ruledgraph.core.arrays import FloatArray
+from ruledgraph.simulation.motion import Derivatives, Path, smooth_step
 
 
 class Waves:

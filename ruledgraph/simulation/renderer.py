@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
-from ruledgraph.simulation.motion import FloatArray
 from ruledgraph.simulation.occlusion import CUT, FREE, PaintersOrder
 from ruledgraph.simulation.scene import Scene, Texture
 

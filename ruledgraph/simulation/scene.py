@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ruledgraph.simulation.motion import FloatArray
+from ruledgraph.core.arrays import FloatArray
 
 Texture = NDArray[np.uint8]
 Material = Callable[[float, float, float, np.random.Generator], NDArray[np.float32]]

@@ -10,11 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.simulation.furniture import corridor, room
 from ruledgraph.simulation.lighting import Lamp, light
 from ruledgraph.simulation.materials import cluttered, plain, poster, wood
-from ruledgraph.simulation.motion import FloatArray, Motion
+from ruledgraph.simulation.motion import Motion
 from ruledgraph.simulation.scene import Material, Scene, Surface, box, panel, shell
 
 # The laboratory around the four lines: opposite corners, m. The wall with the lines is at x = 1.6.

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ruledgraph.calibration.sensors import D435I_LIKE, Calibration, CameraModel, ImuNoise
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.simulation.exposure import ImageQuality, Sensor
 from ruledgraph.simulation.imu import ImuSource, RecordedImu, SyntheticImu
 from ruledgraph.simulation.measured import MeasuredMotion
-from ruledgraph.simulation.motion import FloatArray, Motion
+from ruledgraph.simulation.motion import Motion
 from ruledgraph.simulation.motions import make_motion
 from ruledgraph.simulation.renderer import Image, Renderer
 from ruledgraph.simulation.scene import Scene

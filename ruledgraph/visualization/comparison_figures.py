@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from ruledgraph.calibration.sensors import FloatArray
 from ruledgraph.core import figure_style as style
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import Comparison, EvaluationError, alignment, matched
 from ruledgraph.evaluation.ground_truth import GroundTruth

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import CameraModel, FloatArray
+from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.figure_style import Color, line_color, rgb, status_color
 from ruledgraph.visualization.views import View, ViewedLine
 

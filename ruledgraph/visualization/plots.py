@@ -5,11 +5,12 @@
 from collections import defaultdict
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 from matplotlib.figure import Figure
 
-from ruledgraph.calibration.sensors import CameraModel, FloatArray
+from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import Frame
 from ruledgraph.evaluation.ground_truth import GroundTruth
@@ -20,6 +21,9 @@ from ruledgraph.visualization.state_figures import consistency_figure, state_fig
 from ruledgraph.visualization.surface_figures import directrix_figure, ruled_surface_figure
 from ruledgraph.visualization.trajectory_figure import trajectory_figure
 from ruledgraph.visualization.views import View, ViewQueue
+
+if TYPE_CHECKING:
+    from ruledgraph.core.arrays import FloatArray
 
 DPI = 130
 # An overlay is kept this often, s, and this many at most: then every second one is dropped.

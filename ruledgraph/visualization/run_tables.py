@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.trajectory import Trajectory, read_tum
 

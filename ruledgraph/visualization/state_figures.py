@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import FloatArray
 from ruledgraph.core import figure_style as style
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import EvaluationError, matched
 from ruledgraph.evaluation.ground_truth import GroundTruth

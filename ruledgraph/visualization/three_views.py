@@ -6,7 +6,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 
 # Inches: the widest and tallest the drawing may get, the gap between views, the margins.
 _WIDTH, _HEIGHT = 11.0, 9.4

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ruledgraph.calibration.sensors import CameraModel, FloatArray
+from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.measurements import Frame
 from ruledgraph.frontend.tracks import Track
 from ruledgraph.odometry import Odometry

@@ -19,11 +19,10 @@ import gtsam
 import numpy as np
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, L, P, V, X
-from numpy.typing import NDArray
 
 import ruledgraph_factors as rf
+from ruledgraph.core.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 WIDE = noiseModel.Diagonal.Sigmas(np.array(rf.NEW_LINE_SIGMAS))
 TWISTS = {  # rotation, rad/s, and velocity, m/s, in the body
     "forward twist": (np.zeros(3), np.array([2.0, 0.0, 0.0])),

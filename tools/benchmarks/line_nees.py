@@ -18,15 +18,14 @@ import gtsam
 import numpy as np
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, L, V, X
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 import ruledgraph_factors as rf
 from ruledgraph.calibration.sensors import D435I_LIKE
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph.simulation.edges import observe_segment
 
-FloatArray = NDArray[np.float64]
 FOCAL = 600.0  # px
 BODY_T_CAM = gtsam.Pose3(
     gtsam.Rot3(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])),

@@ -38,6 +38,7 @@ What the paper leaves open, and what is chosen here:
 - A gap in the IMU's samples ends the trajectory.
 """
 
-from ruledgraph.baselines.paper.odometry import PaperOdometry, Rulings
+from ruledgraph.baselines.paper.odometry import PaperOdometry
+from ruledgraph.baselines.paper.window import Rulings
 
 __all__ = ["PaperOdometry", "Rulings"]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import FloatArray
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph_factors import preintegrate_frames
 

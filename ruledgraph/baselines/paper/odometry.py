@@ -3,19 +3,19 @@
 """The window's life: start, extrusion (algorithm 1), sliding (algorithm 2), and the trajectory."""
 
 from collections import deque
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import gtsam
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ruledgraph.baselines.paper.derotation import Derotation, Inertial, accelerated
+from ruledgraph.baselines.paper.derotation import Derotation, Inertial
 from ruledgraph.baselines.paper.start import PointDetector
-from ruledgraph.baselines.paper.surfaces import Points, Surfaces, loss, solve
-from ruledgraph.calibration.sensors import Calibration, FloatArray
+from ruledgraph.baselines.paper.surfaces import Surfaces, loss, solve
+from ruledgraph.baselines.paper.window import Rulings, Seen, Window
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
-from ruledgraph.core.estimates import Estimate, LineEstimate, Status
+from ruledgraph.core.estimates import Estimate, Status
 from ruledgraph.core.measurements import Frame, Gap, ImuSample, Measurement
 from ruledgraph.core.output import Output
 from ruledgraph.imu.buffer import ImuBuffer
@@ -27,101 +27,9 @@ _MOST_POINTS = 20
 _LOSS, _PERTURBATION, _MOST_ATTEMPTS = 0.01, 0.03, 5
 _FIRST_DISTANCE = 1.0
 _FIRST_FORCE = 0.1
-# Share of a line's points beyond the reported ends.
-_STRAY = 0.05
 # An initial rest, s, and how little the gyroscope varies in it, rad/s.
 _REST, _STILL = 0.5, 0.02
 _FEWEST_LINES = 2
-# Depth of a ray of unit depth after derotation, at least: 87 degrees off the axis.
-_LEAST_AHEAD = 0.05
-# A line with fewer points is not seen in a frame.
-_FEWEST_POINTS = 3
-
-
-class Rulings(NamedTuple):
-    """The lines of a window, in the world."""
-
-    stamp: int
-    """Of the window's first frame, ns."""
-    ends: FloatArray
-    """Two points of each line, 1 m apart, (M, 2, 3), m."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """A frame of the window."""
-
-    stamp: int
-    inertial: Inertial
-    points: list[FloatArray]
-    """The points of each line, normalised, not derotated, (n, 2)."""
-
-    @property
-    def lines(self) -> int:
-        """How many lines have points."""
-        return sum(len(points) >= _FEWEST_POINTS for points in self.points)
-
-
-@dataclass(eq=False)
-class Window:
-    """Frames, and the surfaces estimated from their points, in the first one's camera frame."""
-
-    frames: deque[_Seen]
-    surfaces: Surfaces
-
-    @property
-    def lines(self) -> FloatArray:
-        """X0 of the lines, (M, 3), m."""
-        return self.surfaces.X0
-
-    def displacement(self, frame: _Seen) -> FloatArray:
-        """X(t) at a frame, (3,), m."""
-        first = self.frames[0].inertial
-        elapsed = np.array([frame.inertial.time - first.time])
-        X = self.surfaces.displacement(elapsed, accelerated(first, frame.inertial)[None])
-        return np.asarray(X[0])
-
-    def velocity(self, frame: _Seen) -> FloatArray:
-        """Derivative of X(t) at a frame as the IMU, not the camera, sees it, (3,), m/s."""
-        first, now = self.frames[0].inertial, frame.inertial
-        gained = first.rotation.T @ (now.velocity - first.velocity)
-        elapsed = now.time - first.time
-        velocity = self.surfaces.velocity - gained + elapsed * self.surfaces.gravity
-        return np.asarray(velocity)
-
-    def derotated(self, points: FloatArray, frame: Inertial) -> FloatArray:
-        """Points (N, 2) of a frame as the first frame's camera would see their rays, (N, 2)."""
-        R = self.frames[0].inertial.rotation.T @ frame.rotation
-        rays = points @ R[:, :2].T + R[:, 2]
-        return np.asarray(rays[:, :2] / np.where(rays[:, 2:] > _LEAST_AHEAD, rays[:, 2:], np.nan))
-
-    def points(self) -> Points:
-        """All points that the first frame's camera has before it."""
-        first = self.frames[0].inertial
-        times = np.array([frame.inertial.time - first.time for frame in self.frames])
-        gammas = np.array([accelerated(first, frame.inertial) for frame in self.frames])
-        rotations = np.array([first.rotation.T @ f.inertial.rotation for f in self.frames])
-        count = len(self.frames)
-        sizes = np.array([[len(p) for p in frame.points] for frame in self.frames]).T
-        number = np.repeat(np.tile(np.arange(count), len(sizes)), sizes.ravel())
-        line = np.repeat(np.arange(len(sizes)), sizes.sum(axis=1))
-        p = np.concatenate([f.points[i] for i in range(len(sizes)) for f in self.frames])
-        R = rotations[number]
-        rays = R[:, :, 0] * p[:, :1] + R[:, :, 1] * p[:, 1:] + R[:, :, 2]
-        ahead = rays[:, 2] > _LEAST_AHEAD
-        rays, line, number = rays[ahead], line[ahead], number[ahead]
-        return Points(rays[:, :2] / rays[:, 2:], line, times[number], gammas[number])
-
-    def slide(self) -> None:
-        """Forget the first frame and move everything to the second's camera frame."""
-        old, second = self.frames[0].inertial, self.frames[1]
-        X, velocity, surfaces = self.displacement(second), self.velocity(second), self.surfaces
-        turn = second.inertial.rotation.T @ old.rotation
-        V0 = surfaces.V0 @ turn.T
-        S = (surfaces.X0 + X) @ turn.T
-        X0 = S - np.sum(S * V0, axis=1, keepdims=True) * V0
-        self.surfaces = Surfaces(X0, V0, turn @ velocity, turn @ surfaces.gravity)
-        self.frames.popleft()
 
 
 class PaperOdometry(Output):
@@ -188,8 +96,9 @@ class PaperOdometry(Output):
         window, self.window = self.window, None
         for frame in window.frames:
             self.put(smoothed=[self._estimate(window, frame)])
-        self._rulings.append(self._in_world(window))
-        self.put(lines=self._segments(window))
+        rulings = window.rulings(self._level, self._place)
+        self._rulings.append(rulings)
+        self.put(lines=window.line_estimates(rulings))
 
     # -- output ----------------------------------------------------------------------------------
 
@@ -246,32 +155,22 @@ class PaperOdometry(Output):
         X0 -= np.sum(X0 * V0, axis=1, keepdims=True) * V0
         surfaces = Surfaces(X0, V0, np.zeros(3), inertial.rotation.T @ force)
         points = self._detector.points(frame.image)
-        chosen = self._choose(points, surfaces.distances(points, np.zeros(3)))
-        self.window = Window(deque([_Seen(frame.stamp, inertial, chosen)]), surfaces)
+        chosen = _near_lines(points, surfaces.distances(points, np.zeros(3)), self._rng)
+        self.window = Window(deque([Seen(frame.stamp, inertial, chosen)]), surfaces)
 
     def _extrude(self, window: Window, frame: Frame, inertial: Inertial) -> None:
         """Algorithm 1, first half: the points near the predicted rulings."""
         points = self._detector.points(frame.image)
-        seen = _Seen(frame.stamp, inertial, [])
+        seen = Seen(frame.stamp, inertial, [])
         derotated = window.derotated(points, inertial)
         distances = window.surfaces.distances(derotated, window.displacement(seen))
-        seen.points.extend(self._choose(points, distances))
+        seen.points.extend(_near_lines(points, distances, self._rng))
         window.frames.append(seen)
-
-    def _choose(self, points: FloatArray, distances: FloatArray) -> list[FloatArray]:
-        """Points (N, 2) near each line, distances (M, N), some of them where there are many."""
-        chosen = []
-        for of_line in distances:
-            near = np.flatnonzero(of_line < _TAU)
-            if len(near) > _MOST_POINTS:
-                near = self._rng.choice(near, _MOST_POINTS, replace=False)
-            chosen.append(points[near])
-        return chosen
 
     def _slide(self, window: Window) -> None:
         """Algorithm 2: hand out the first frame, and go on from the second."""
         self.put(smoothed=[self._estimate(window, window.frames[0])])
-        self._rulings.append(self._in_world(window))
+        self._rulings.append(window.rulings(self._level, self._place))
         first = window.frames[0].inertial
         self._place = self._place - first.rotation @ window.displacement(window.frames[1])
         window.slide()
@@ -296,7 +195,7 @@ class PaperOdometry(Output):
 
     # -- results ---------------------------------------------------------------------------------
 
-    def _estimate(self, window: Window, frame: _Seen) -> Estimate:
+    def _estimate(self, window: Window, frame: Seen) -> Estimate:
         first = window.frames[0].inertial
         place = self._place - first.rotation @ window.displacement(frame)
         world_T_cam = gtsam.Pose3(
@@ -314,35 +213,6 @@ class PaperOdometry(Output):
             at_knot=False,
         )
 
-    def _in_world(self, window: Window) -> Rulings:
-        first = window.frames[0]
-        R = self._level @ first.inertial.rotation
-        X0, V0 = window.surfaces.X0, window.surfaces.V0
-        ends = np.stack([X0, X0 + V0], axis=1)
-        return Rulings(first.stamp, ends @ R.T + self._level @ self._place)
-
-    def _segments(self, window: Window) -> list[LineEstimate]:
-        """The lines as far as their points in the window reach, alpha of eq. 15."""
-        points, lines = window.points(), []
-        alpha = window.surfaces.alpha(points)
-        foot, beyond = self._in_world(window).ends.transpose(1, 0, 2)
-        for i in range(len(foot)):
-            own = alpha[points.line == i]
-            if not len(own):
-                continue
-            reach = np.quantile(own, [_STRAY, 1.0 - _STRAY])
-            lines.append(
-                LineEstimate(
-                    number=i,
-                    ends=foot[i] + reach[:, None] * (beyond[i] - foot[i]),
-                    covariance=np.full((2, 3, 3), np.nan),
-                    first_stamp=window.frames[0].stamp,
-                    last_stamp=window.frames[-1].stamp,
-                    points=len(own),
-                )
-            )
-        return lines
-
     # -- bookkeeping -----------------------------------------------------------------------------
 
     def _seconds(self, stamp: int) -> float:
@@ -353,3 +223,16 @@ class PaperOdometry(Output):
 
     def _time(self, frame: Frame) -> float:
         return self._seconds(frame.stamp) + self.calibration.time_offset
+
+
+def _near_lines(
+    points: FloatArray, distances: FloatArray, rng: np.random.Generator
+) -> list[FloatArray]:
+    """Points (N, 2) near each line, distances (M, N), some of them where there are many."""
+    chosen = []
+    for of_line in distances:
+        near = np.flatnonzero(of_line < _TAU)
+        if len(near) > _MOST_POINTS:
+            near = rng.choice(near, _MOST_POINTS, replace=False)
+        chosen.append(points[near])
+    return chosen

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import CameraModel, FloatArray
+from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.frontend.sobel import sobel_points
 
 # Section VII-B: a found line's points are removed this far from it, normalised ("5 centimeters").

@@ -12,8 +12,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import to_hex
 
-from ruledgraph.calibration.sensors import FloatArray
 from ruledgraph.core import figure_style as style
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.visualization.run_tables import RunTables
 from ruledgraph.visualization.trajectory_figure import DrawnPath, path_of, shown_lines, view_box
