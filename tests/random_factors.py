@@ -46,24 +46,24 @@ class Case:
         frames = self.frames[:1] if form.startswith("pose") else self.frames
         points = kind.from_frames(frames)
         noise = noiseModel.Isotropic.Sigma(points.rows, sigma)
-        knot = (X(0), V(0), B(0))
+        node = (X(0), V(0), B(0))
         motion = self.motion
-        if form != "knot_time_offset":
+        if form != "node_time_offset":
             motion = dataclasses.replace(motion, time_jacobian=None)
         rest = (motion, self.chart, points, self.body_T_cam)
-        if form == "knot":
-            return ruled_surface_factor(noise, *knot, L(0), *rest)
-        if form == "knot_time_offset":
-            return ruled_surface_factor_with_time_offset(noise, *knot, T(0), L(0), *rest)
-        if form == "knot_extrinsics":
-            return ruled_surface_factor_with_extrinsics(noise, *knot, E(0), L(0), *rest[:3])
+        if form == "node":
+            return ruled_surface_factor(noise, *node, L(0), *rest)
+        if form == "node_time_offset":
+            return ruled_surface_factor_with_time_offset(noise, *node, T(0), L(0), *rest)
+        if form == "node_extrinsics":
+            return ruled_surface_factor_with_extrinsics(noise, *node, E(0), L(0), *rest[:3])
         if form == "pose_extrinsics":
             keys = (X(0), E(0), L(0))
             return ruled_surface_pose_factor_with_extrinsics(noise, *keys, *rest[1:3])
-        if form == "knot_gravity_direction":
-            return ruled_surface_factor_with_gravity_direction(noise, *knot, G(0), L(0), *rest)
-        if form == "knot_gravity_vector":
-            return ruled_surface_factor_with_gravity_vector(noise, *knot, G(1), L(0), *rest)
+        if form == "node_gravity_direction":
+            return ruled_surface_factor_with_gravity_direction(noise, *node, G(0), L(0), *rest)
+        if form == "node_gravity_vector":
+            return ruled_surface_factor_with_gravity_vector(noise, *node, G(1), L(0), *rest)
         return ruled_surface_pose_factor(noise, X(0), L(0), *rest[1:])
 
 

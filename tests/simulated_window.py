@@ -86,16 +86,16 @@ class Problem:
     graph: gtsam.NonlinearFactorGraph
     initial: gtsam.Values
     truth: gtsam.Values
-    knots: int
+    nodes: int
 
 
 def smoothing_problem(
     rng: np.random.Generator,
     depth_factor: float = 1.0,
-    frames_per_knot: int = 9,
+    frames_per_node: int = 9,
     pixel_noise: float = 0.5,
 ) -> Problem:
-    """Priors drawn around the truth, one knot each 0.1 s, lines guessed `depth_factor` too far."""
+    """Priors drawn around the truth, one state each 0.1 s, lines guessed `depth_factor` too far."""
     bias_sigmas = np.repeat([0.05, 0.005], 3)
     window = simulate_window(
         rng, pixel_noise=pixel_noise, imu_bias=rng.normal(size=6) * bias_sigmas
@@ -124,7 +124,7 @@ def smoothing_problem(
 
     params = D435I_LIKE.preintegration_params()
     state = gtsam.NavState(pose, velocity)
-    starts = range(0, len(window.times), frames_per_knot)
+    starts = range(0, len(window.times), frames_per_node)
     for k, first_frame in enumerate(starts):
         time = window.times[first_frame]
         initial.insert(X(k), state.pose())
@@ -133,7 +133,7 @@ def smoothing_problem(
         truth.insert(X(k), window.motion.pose(time))
         truth.insert(V(k), window.motion.velocity(time))
         truth.insert(B(k), window.imu.bias_at(time))
-        frames = slice(first_frame, first_frame + frames_per_knot)
+        frames = slice(first_frame, first_frame + frames_per_node)
         motion = preintegrate_frames(window.imu.samples, time, window.times[frames], bias)
         for i, chart in enumerate(charts):
             points = GeometricPoints.from_frames(window.edges[i][frames])
@@ -143,8 +143,8 @@ def smoothing_problem(
                     noise, X(k), V(k), B(k), L(i), motion, chart, points, BODY_T_CAM
                 )
             )
-        if first_frame + frames_per_knot < len(window.times):
-            end = window.times[first_frame + frames_per_knot]
+        if first_frame + frames_per_node < len(window.times):
+            end = window.times[first_frame + frames_per_node]
             preintegrated = gtsam.PreintegratedCombinedMeasurements(params, bias)
             used = window.times[frames]
             for segment in window.imu.samples.segments(time, end, at=used, bias=bias):

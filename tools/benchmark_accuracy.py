@@ -7,7 +7,7 @@
     python tools/benchmark_accuracy.py --only free --ablation
 
 ATE is evo's, SE(3)-aligned without scale, in mm, of the live and of the smoothed trajectory. NEES
-is a degree of freedom's, of the live knots against simulated truth, and should be 1. Rows are kept
+is a degree of freedom's, of the live states against simulated truth, and should be 1. Rows are kept
 in --out as they come; a run that was interrupted goes on.
 """
 
@@ -191,11 +191,11 @@ def _trajectory(estimates: Sequence[Estimate]) -> Trajectory:
 def nees(
     live: Sequence[Estimate], beginning: Estimate, simulation: Simulation
 ) -> dict[str, FloatArray]:
-    """e^T S^-1 e for each degree of freedom, of the live knots' states and parts of them; place and
+    """e^T S^-1 e for each degree of freedom, of the live states and parts of them; place and
     heading of the world are fixed where the window began, which the covariances count from.
     """
-    knots = [e for e in live if e.at_knot]
-    true = simulation.truth(np.array([beginning.stamp, *(e.stamp for e in knots)]))
+    nodes = [e for e in live if e.at_node]
+    true = simulation.truth(np.array([beginning.stamp, *(e.stamp for e in nodes)]))
     poses = [
         gtsam.Pose3(gtsam.Rot3(R), p) for R, p in zip(true.rotation, true.position, strict=True)
     ]
@@ -204,14 +204,14 @@ def nees(
     shift = poses[0].translation() - yaw.rotate(first.translation())
     true_T_world = gtsam.Pose3(yaw, shift)
     found: dict[str, list[float]] = {name: [] for name in NEES_PARTS}
-    for i, knot in enumerate(knots, start=1):
-        error = true_T_world.compose(knot.world_T_body).between(poses[i])
+    for i, node in enumerate(nodes, start=1):
+        error = true_T_world.compose(node.world_T_body).between(poses[i])
         states = {
             "pose": gtsam.Pose3.Logmap(error),
-            "velocity": yaw.rotate(knot.velocity) - true.velocity[i],
-            "bias": knot.bias.vector() - true.bias[i],
+            "velocity": yaw.rotate(node.velocity) - true.velocity[i],
+            "bias": node.bias.vector() - true.bias[i],
         }
-        covariances = dict(zip(states, knot.covariances, strict=True))
+        covariances = dict(zip(states, node.covariances, strict=True))
         for name, (state, part) in NEES_PARTS.items():
             e, S = states[state][part], covariances[state][part, part]
             found[name].append(float(e @ np.linalg.solve(S, e)) / len(e))

@@ -40,7 +40,7 @@ SECONDS_PER_ROUND = 0.003
 
 
 def scene(frames: int) -> tuple[FrameMotion, LineChart, list[np.ndarray], gtsam.Values]:
-    """A line two metres ahead and a knot state; the numbers do not matter for the cost."""
+    """A line two metres ahead and a state state; the numbers do not matter for the cost."""
     rng = np.random.default_rng(0)
     motion = FrameMotion(
         np.arange(1, frames + 1) / 90.0,
@@ -128,7 +128,7 @@ def print_empty_callback() -> None:
 
 
 def print_preintegration() -> None:
-    """One knot interval of 0.1 s at 90 Hz."""
+    """One state interval of 0.1 s at 90 Hz."""
     rng = np.random.default_rng(0)
     names = kernels()
     print_row("`preintegrate_frames`, IMU rate", *names)

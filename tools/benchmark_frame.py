@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a frame between two knots costs, in milliseconds, by the native kernel and by numpy.
+"""What a frame between two states costs, in milliseconds, by the native kernel and by numpy.
 
     python tools/benchmark_frame.py
 

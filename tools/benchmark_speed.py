@@ -7,7 +7,7 @@
 - `ruledgraph smooth` on a rendered recording of 12 s at 640x480 and 90 Hz, and with --data on 30 s
   of EuRoC MH_01_easy: wall time with start of the program, reading, decoding and writing, and the
   peak of its memory;
-- how long after a frame its live pose is there, between knots and at knots;
+- how long after a frame its live pose is there, between states and at states;
 - the same recording by the paper's solver, which is one of its baselines;
 - processor time at half the frame rate, and of both recordings with at most 5 to 60 lines.
 
@@ -87,17 +87,17 @@ def peak_memory(pid: int) -> float:
 def latencies(
     measurements: Sequence[Measurement], calibration: Calibration
 ) -> tuple[list[float], list[float]]:
-    """Seconds that frames between knots and at knots took, once the odometry has started."""
+    """Seconds that frames between states and at states took, once the odometry has started."""
     odometry = Odometry(calibration)
     between: list[float] = []
-    at_knots: list[float] = []
+    at_nodes: list[float] = []
     for measurement in measurements:
         started = time.perf_counter()
         odometry.add(measurement)
         elapsed = time.perf_counter() - started
         for estimate in odometry.take_live():
-            (at_knots if estimate.at_knot else between).append(elapsed)
-    return between, at_knots
+            (at_nodes if estimate.at_node else between).append(elapsed)
+    return between, at_nodes
 
 
 def processor_time(
@@ -181,11 +181,11 @@ def main(out: Path, data: str | None, repeat: int, seconds: float) -> None:
             click.echo(f"| {name} | {wall:.1f} | {memory:.0f} |")
 
     calibration = simulation.calibration
-    between, at_knots = least(
+    between, at_nodes = least(
         partial(latencies, measurements, calibration), repeat, lambda found: sum(found[0])
     )
     click.echo("\n| latency, ms | median | p99 | largest |\n|---|---:|---:|---:|")
-    for name, found in (("between knots", between), ("at knots", at_knots)):
+    for name, found in (("between states", between), ("at states", at_nodes)):
         figures = 1e3 * np.quantile(found, [0.5, 0.99, 1.0])
         click.echo(f"| {name} | " + " | ".join(f"{figure:.1f}" for figure in figures) + " |")
 

@@ -9,7 +9,7 @@ The stamps of all frames are moved by some ms, so that the offset is minus that.
 SE(3)-aligned, in mm, of the live trajectory and of the smoothed one, against the truth when the
 frames really were taken: what an offset of the output's stamps adds is not in it. `estimate` is the
 mean of the last second in ms, less the right one; `sigma` is reported with it; `3s` is the worst
-error by three sigmas of all knots that were live. Rows are kept in --out as they come; a run that
+error by three sigmas of all states that were live. Rows are kept in --out as they come; a run that
 was interrupted goes on.
 """
 
@@ -117,12 +117,12 @@ def run(case: Case, data: Path | None, cache: Path, settings: Sequence[str]) -> 
         trajectory = Trajectory.from_poses(stamps, [e.world_T_body for e in estimates])
         row[name] = 1e3 * accuracy(trajectory, source.truth).ate_rmse
     right = source.calibration.time_offset - 1e-3 * case.ms
-    knots = [e for e in live if e.at_knot]
-    error = np.array([e.time_offset.value for e in knots]) - right
-    sigma = np.array([e.time_offset.sigma for e in knots])
-    end = np.array([e.stamp for e in knots]) > live[-1].stamp - _END * 1e9
+    nodes = [e for e in live if e.at_node]
+    error = np.array([e.time_offset.value for e in nodes]) - right
+    sigma = np.array([e.time_offset.sigma for e in nodes])
+    end = np.array([e.stamp for e in nodes]) > live[-1].stamp - _END * 1e9
     row |= {"estimate": 1e3 * float(error[end].mean()), "sigma": 1e3 * float(sigma[end].mean())}
-    row["doubtful"] = float(np.mean([e.status == "doubtful" for e in live]))
+    row["degraded"] = float(np.mean([e.status == "degraded" for e in live]))
     if case.estimate == "true":
         row["3s"] = float(np.max(np.abs(error) / (3.0 * sigma)))
         row["nees"] = float(np.mean((error[end] / sigma[end]) ** 2))
@@ -135,7 +135,7 @@ _COLUMNS = {
     "estimate": "{estimate:+.2f}",
     "sigma": "{sigma:.2f}",
     "3s": "{3s:.1f}",
-    "doubtful": "{doubtful:.0%}",
+    "degraded": "{degraded:.0%}",
 }
 
 

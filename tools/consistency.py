@@ -6,7 +6,7 @@
     python tools/consistency.py --set edges.sigma_px=0.35
 
 Every run has its own motion, noise, biases and texture. NEES, e^T S^-1 e of the live states at all
-knots against the truth, is a degree of freedom's and should be 1 in the mean; where it lies below
+states against the truth, is a degree of freedom's and should be 1 in the mean; where it lies below
 the reported covariance is too large, above too small. The median is that of NEES over the median
 that it should have. The bounds hold 95 % of what the mean and the median over so many runs are when
 all is well, with one independent draw a run. Rows are kept in --out as they come; a run that was
@@ -46,7 +46,7 @@ _NOTHING = 0.01
 def run(
     seed: int, moving_start: bool, seconds: float, rate: float, config: Config
 ) -> dict[str, Any]:
-    """NEES of each part at each knot of a run, and which of them were held still."""
+    """NEES of each part at each state of a run, and which of them were held still."""
     started = time.perf_counter()
     simulation = simulation_from_options(
         SCENE, MOTION, rate=rate, duration=seconds, moving_start=moving_start, seed=seed
@@ -58,7 +58,7 @@ def run(
         "warnings": list(odometry.warnings),
         "recoveries": list(odometry.recoveries),
         "segments": len({e.segment for e in live}),
-        "still": [e.status == "still" for e in live if e.at_knot],
+        "still": [e.status == "still" for e in live if e.at_node],
     }
     if not live:
         return row
@@ -90,7 +90,7 @@ def bounds(runs: int) -> tuple[FloatArray, FloatArray]:
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """In Markdown: a line for each start, whether it is held still, and part."""
     lines = [
-        "| start | knots | runs | | mean NEES | 95 % | median, of the expected | 95 % | off by |",
+        "| start | states | runs | | mean NEES | 95 % | median, of the expected | 95 % | off by |",
         "|" + " --- |" * 9,
     ]
     for start in STARTS:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Lines in your own GTSAM graph: `ruledgraph_factors` beside native factors, under your own keys.
 
-The graph is an ordinary visual-inertial one: pose, velocity and bias every 0.1 s (a knot), IMU
+The graph is an ordinary visual-inertial one: pose, velocity and bias every 0.1 s (a state), IMU
 factors between them, projections of a few points. `add_lines` is all it takes to add lines to it.
 It is then solved three ways, without and with them, and compared with the simulated truth:
 
@@ -36,8 +36,8 @@ from ruledgraph_factors import (
 )
 
 SEEDS = range(5)
-KNOT_TIMES = 0.1 * np.arange(31)
-FRAME_OFFSETS = np.arange(3) / 30.0  # of the 30 Hz camera's frames, from each knot on, s
+NODE_TIMES = 0.1 * np.arange(31)
+FRAME_OFFSETS = np.arange(3) / 30.0  # of the 30 Hz camera's frames, from each state on, s
 IMU_RATE = 200.0
 LAG = 1.5  # s
 BODY_T_CAM = gtsam.Pose3(  # the camera looks along the body's x axis; the body's z axis points up
@@ -65,27 +65,27 @@ class Recording:
     """What the sensors saw, where the estimators start, and the truth."""
 
     truth: list[gtsam.Pose3]
-    """world_T_body of the knots."""
+    """world_T_body of the states."""
     start: gtsam.NavState
-    """Initial value of the first knot."""
+    """Initial value of the first state."""
     imu: ImuSamples
     pixels: FloatArray
-    """Of all points at all knots, (knots, points, 2)."""
+    """Of all points at all states, (states, points, 2)."""
     points: FloatArray
     """Initial values, (points, 3): the truth plus noise of 15 cm."""
     edges: list[dict[int, list[FloatArray]]]
-    """For each knot: line -> its edge points, normalised, in each frame up to the next knot."""
+    """For each state: line -> its edge points, normalised, in each frame up to the next state."""
 
 
 @dataclass
 class Packet:
-    """What one knot adds to the graph."""
+    """What one state adds to the graph."""
 
     factors: gtsam.NonlinearFactorGraph
     values: gtsam.Values
-    """Initial values of new points and lines, and of the first knot."""
+    """Initial values of new points and lines, and of the first state."""
     imu: gtsam.PreintegratedCombinedMeasurements
-    """From the knot before; empty at the first."""
+    """From the state before; empty at the first."""
 
 
 def simulate(seed: int) -> Recording:
@@ -103,7 +103,7 @@ def simulate(seed: int) -> Recording:
     imu = simulate_imu(motion, IMU_RATE, D435I_LIKE, rng, initial_bias=bias).samples
     velocity = motion.velocity(0.0) + rng.normal(scale=0.05, size=3)
 
-    truth = [motion.pose(time) for time in KNOT_TIMES]
+    truth = [motion.pose(time) for time in NODE_TIMES]
     cameras = [gtsam.PinholeCameraCal3_S2(pose * BODY_T_CAM, CALIBRATION) for pose in truth]
     points = rng.uniform([3.5, -0.5, -0.8], [5.0, 1.7, 0.8], size=(5, 3))
     pixels = np.array([[camera.project(point) for point in points] for camera in cameras])
@@ -114,7 +114,7 @@ def simulate(seed: int) -> Recording:
     segments = np.stack([middles - halves, middles + halves], axis=1)
     edges, new_line = [], itertools.count()
     lines: dict[int, int] = {}  # of the segments in view; one that was lost comes back as another
-    for time in KNOT_TIMES[:-1]:
+    for time in NODE_TIMES[:-1]:
         frames = [motion.pose(time + offset) * BODY_T_CAM for offset in FRAME_OFFSETS]
         seen = [i for i, ends in enumerate(segments) if in_view(frames, ends)]
         lines = {i: lines[i] if i in lines else next(new_line) for i in seen}
@@ -141,19 +141,19 @@ def in_view(cameras: list[gtsam.Pose3], points: FloatArray) -> bool:
 
 
 def build(recording: Recording, with_lines: bool) -> list[Packet]:
-    """The graph, knot by knot."""
+    """The graph, state by state."""
     packets = []
     charts: dict[int, LineChart] = {}
     state = recording.start
-    for k in range(KNOT_TIMES.size):
+    for k in range(NODE_TIMES.size):
         imu = gtsam.PreintegratedCombinedMeasurements(IMU_PARAMS, NO_BIAS)
         packet = Packet(gtsam.NonlinearFactorGraph(), gtsam.Values(), imu)
         packets.append(packet)
         if k == 0:
-            add_first_knot(packet, recording)
+            add_first_node(packet, recording)
         else:
-            # What `preintegrate_frames` integrates, too: knots and frames see the same motion.
-            for segment in recording.imu.segments(KNOT_TIMES[k - 1], KNOT_TIMES[k], bias=NO_BIAS):
+            # What `preintegrate_frames` integrates, too: states and frames see the same motion.
+            for segment in recording.imu.segments(NODE_TIMES[k - 1], NODE_TIMES[k], bias=NO_BIAS):
                 imu.integrateMeasurement(*segment)
             packet.factors.add(
                 gtsam.CombinedImuFactor(P(k - 1), S(k - 1), P(k), S(k), U(k - 1), U(k), imu)
@@ -170,8 +170,8 @@ def build(recording: Recording, with_lines: bool) -> list[Packet]:
     return packets
 
 
-def add_first_knot(packet: Packet, recording: Recording) -> None:
-    """Initial values and priors of the first knot and of the points."""
+def add_first_node(packet: Packet, recording: Recording) -> None:
+    """Initial values and priors of the first state and of the points."""
     pose, velocity = recording.start.pose(), recording.start.velocity()
     packet.values.insert(P(0), pose)
     packet.values.insert(S(0), velocity)
@@ -191,14 +191,14 @@ def add_lines(
     charts: dict[int, LineChart],
     world_T_body: gtsam.Pose3,
 ) -> None:
-    """The embedding: one factor for each line seen in the frames from knot k up to the next.
+    """The embedding: one factor for each line seen in the frames from state k up to the next.
 
     A line is a Vector4 in a chart, a constant anchored at the camera that saw the line first:
-    `world_T_body` is the estimate of knot k at that time (here dead reckoning will do).
+    `world_T_body` is the estimate of state k at that time (here dead reckoning will do).
     """
     # All of it, from here ...
-    frame_times = KNOT_TIMES[k] + FRAME_OFFSETS
-    motion = preintegrate_frames(recording.imu, KNOT_TIMES[k], frame_times, NO_BIAS)
+    frame_times = NODE_TIMES[k] + FRAME_OFFSETS
+    motion = preintegrate_frames(recording.imu, NODE_TIMES[k], frame_times, NO_BIAS)
     for i, frames in recording.edges[k].items():
         if i not in charts:  # a new line
             world_T_cam = world_T_body * BODY_T_CAM
@@ -216,7 +216,7 @@ def add_lines(
 
 
 def new_values(k: int, packet: Packet, estimate: gtsam.Values) -> gtsam.Values:
-    """The packet's values, and knot k as the IMU predicts it from the estimate of the last."""
+    """The packet's values, and state k as the IMU predicts it from the estimate of the last."""
     values = gtsam.Values(packet.values)
     if k > 0:
         bias = estimate.atConstantBias(U(k - 1))
@@ -229,7 +229,7 @@ def new_values(k: int, packet: Packet, estimate: gtsam.Values) -> gtsam.Values:
 
 
 def levenberg_marquardt(packets: list[Packet]) -> list[gtsam.Pose3]:
-    """All knots at once, from dead reckoning."""
+    """All states at once, from dead reckoning."""
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     for k, packet in enumerate(packets):
         graph.push_back(packet.factors)
@@ -240,7 +240,7 @@ def levenberg_marquardt(packets: list[Packet]) -> list[gtsam.Pose3]:
 
 
 def isam2(packets: list[Packet]) -> list[gtsam.Pose3]:
-    """Knot by knot, keeping all of them."""
+    """State by state, keeping all of them."""
     solver = gtsam.ISAM2(ISAM_PARAMS)
     estimate = gtsam.Values()
     for k, packet in enumerate(packets):
@@ -251,13 +251,13 @@ def isam2(packets: list[Packet]) -> list[gtsam.Pose3]:
 
 
 def fixed_lag(packets: list[Packet]) -> list[gtsam.Pose3]:
-    """Knot by knot, keeping those within the lag; every pose as estimated when it was added."""
+    """State by state, keeping those within the lag; every pose as estimated when it was added."""
     smoother = gtsam.IncrementalFixedLagSmoother(LAG, ISAM_PARAMS)
     estimate, poses = gtsam.Values(), []
     for k, packet in enumerate(packets):
-        # Points and lines get a new time whenever they are seen, and so outlive the knots they
+        # Points and lines get a new time whenever they are seen, and so outlive the states they
         # began at. What has left the lag is gone: a line seen again after that is a new one.
-        times = dict.fromkeys(packet.factors.keyVector(), KNOT_TIMES[k])
+        times = dict.fromkeys(packet.factors.keyVector(), NODE_TIMES[k])
         smoother.update(packet.factors, new_values(k, packet, estimate), times)
         smoother.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), {})
         estimate = smoother.calculateEstimate()
@@ -269,7 +269,7 @@ SOLVERS = {"Levenberg-Marquardt": levenberg_marquardt, "ISAM2": isam2, "fixed la
 
 
 def rms_errors(poses: list[gtsam.Pose3], truth: list[gtsam.Pose3]) -> FloatArray:
-    """Of position (mm) and rotation (mdeg) over all knots, (2,)."""
+    """Of position (mm) and rotation (mdeg) over all states, (2,)."""
     gaps = [true.between(pose) for true, pose in zip(truth, poses, strict=True)]
     errors = np.array([[gap.translation(), gtsam.Rot3.Logmap(gap.rotation())] for gap in gaps])
     return np.asarray(np.sqrt(np.sum(errors**2, axis=2).mean(axis=0)) * [1e3, np.degrees(1e3)])
@@ -289,12 +289,12 @@ def run(seeds: Sequence[int]) -> dict[str, FloatArray]:
 def main() -> None:
     """Print the table."""
     print(f"""
-Simulated walk of 3 s, IMU of a D435i at 200 Hz, a knot every 0.1 s.
-Points: 5, with {POINT_NOISE} px of noise, seen at knots only; initial values 15 cm off.
+Simulated walk of 3 s, IMU of a D435i at 200 Hz, a state every 0.1 s.
+Points: 5, with {POINT_NOISE} px of noise, seen at states only; initial values 15 cm off.
 Lines: up to 8 in view, 20 edge points with {EDGE_NOISE} px of noise in each 30 Hz frame; at most
 27 degrees off the plane of a wall, 2.5 to 4.5 m in front; a new line starts {LINE_DISTANCE} m away.
-RMSE over all knots, mean of {len(SEEDS)} seeds. Levenberg-Marquardt and ISAM2: final estimate.
-Fixed-lag smoother ({LAG} s): live estimate, that of each knot when it was added.
+RMSE over all states, mean of {len(SEEDS)} seeds. Levenberg-Marquardt and ISAM2: final estimate.
+Fixed-lag smoother ({LAG} s): live estimate, that of each state when it was added.
 
                         position (mm)          rotation (mdeg)
                      no lines   + lines      no lines   + lines""")

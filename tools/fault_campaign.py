@@ -10,7 +10,7 @@ Every case runs in a process of its own with a time limit. A row has the ATE (ev
 of the live trajectory, mm); the worst live error, in the world of each segment's beginning; `3s`,
 that error by the three sigmas that were reported with it (the largest; above 1 is beyond; 2.9 % of
 all may be, were all well), and the shares of frames: beyond 3 sigma, and `untold`: beyond 3 sigma,
-wrong by more than 30 mm, and not called dead reckoning or doubtful. The verdict:
+wrong by more than 30 mm, and not called dead reckoning or degraded. The verdict:
 
 - good: no worse than three times the clean run and 10 mm;
 - worse: off, and its covariance says so;
@@ -149,7 +149,7 @@ def _honesty(segments: Sequence[Segment], truth: GroundTruth) -> dict[str, float
             error = pose.translation() - world_T_true.transformFrom(place)
             errors.append(float(np.linalg.norm(error)))
             ratios.append(_over_three_sigma(pose.rotation().matrix().T @ error, estimate))
-            told.append(estimate.status in ("dead reckoning", "doubtful"))
+            told.append(estimate.status in ("dead reckoning", "degraded"))
     e, r, t = np.array(errors), np.array(ratios), np.array(told)
     return {
         "worst": 1e3 * float(e.max()),

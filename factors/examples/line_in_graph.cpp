@@ -64,9 +64,9 @@ int main() {
   const rg::ImuSamples imu{{imu_times.data(), samples},
                            {accelerometer.data(), 3, samples},
                            {gyroscope.data(), 3, samples}};
-  const double knot_time = 0.0;
+  const double node_time = 0.0;
   const rg::FrameMotions motions =
-      rg::preintegrate_frames(imu, knot_time, frame_times, bias.vector());
+      rg::preintegrate_frames(imu, node_time, frame_times, bias.vector());
 
   // The line: a chart from one image and a guess of the distance, its points, a factor, a prior.
   const rg::Pose world_T_cam = rg::from_gtsam(pose * body_T_cam);
@@ -86,7 +86,7 @@ int main() {
 
   // A camera whose clock is not quite the IMU's: the offset of its frames, s, is a variable.
   const rg::FrameMotions timed =
-      rg::preintegrate_frames(imu, knot_time, frame_times, bias.vector(), true);
+      rg::preintegrate_frames(imu, node_time, frame_times, bias.vector(), true);
   graph.add(rg::RuledSurfaceFactor::WithTimeOffset(noise, X(0), V(0), B(0), T(0), L(0), timed,
                                                    chart, points, body_T_cam));
   values.insert(T(0), 0.0);

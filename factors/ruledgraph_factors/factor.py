@@ -26,11 +26,11 @@ _NO_VELOCITY, _NO_BIAS = np.zeros(3), np.zeros(6)
 # The columns of the residual's Jacobian that belong to each key. Those of the extrinsics are made
 # of the pose's.
 _COLUMNS: dict[Form, tuple[slice, ...]] = {
-    "knot": (_POSE, _VELOCITY, _BIAS, _LINE),
-    "knot_time_offset": (_POSE, _VELOCITY, _BIAS, _TIME, _LINE),
-    "knot_extrinsics": (_POSE, _VELOCITY, _BIAS, _POSE, _LINE),
-    "knot_gravity_direction": (_POSE, _VELOCITY, _BIAS, _GRAVITY, _LINE),
-    "knot_gravity_vector": (_POSE, _VELOCITY, _BIAS, _GRAVITY, _LINE),
+    "node": (_POSE, _VELOCITY, _BIAS, _LINE),
+    "node_time_offset": (_POSE, _VELOCITY, _BIAS, _TIME, _LINE),
+    "node_extrinsics": (_POSE, _VELOCITY, _BIAS, _POSE, _LINE),
+    "node_gravity_direction": (_POSE, _VELOCITY, _BIAS, _GRAVITY, _LINE),
+    "node_gravity_vector": (_POSE, _VELOCITY, _BIAS, _GRAVITY, _LINE),
     "pose": (_POSE, _LINE),
     "pose_extrinsics": (_POSE, _POSE, _LINE),
 }
@@ -77,7 +77,7 @@ class _RuledSurfaceError(ErrorFunction):
         state = state_at(spec, keys, values)
         value = np.empty(spec.rows)
         extrinsics = None
-        if spec.form in ("knot_extrinsics", "pose_extrinsics"):
+        if spec.form in ("node_extrinsics", "pose_extrinsics"):
             extrinsics = values.atPose3(keys[-2])
             write = writing(spec, extrinsics)
         if H is None:
@@ -90,7 +90,7 @@ class _RuledSurfaceError(ErrorFunction):
         write(state, value, room.jacobian)
         for i, block in enumerate(room.blocks):
             H[i] = block
-        if spec.form == "knot_gravity_direction":
+        if spec.form == "node_gravity_direction":
             basis = values.atUnit3(keys[3]).basis()
             H[3] = np.asfortranarray(room.blocks[3] @ (self._magnitude * basis))
         elif extrinsics is not None:
@@ -110,12 +110,12 @@ def state_at(spec: RuledSurfaceSpec, keys: list[int], values: gtsam.Values) -> S
     if form not in ("pose", "pose_extrinsics"):
         velocity = vector_of(values, keys[1], 3)
         bias = values.atConstantBias(keys[2]).vector()
-        if form == "knot_gravity_direction":
+        if form == "node_gravity_direction":
             direction = values.atUnit3(keys[3]).unitVector()
             gravity = float(np.linalg.norm(gravity)) * direction
-        elif form == "knot_gravity_vector":
+        elif form == "node_gravity_vector":
             gravity = vector_of(values, keys[3], 3)
-        elif form == "knot_time_offset":
+        elif form == "node_time_offset":
             time_shift = values.atDouble(keys[3])
     pose, line = values.atPose3(keys[0]).matrix(), vector_of(values, keys[-1], 4)
     return State(pose, velocity, bias, gravity, line, time_shift)

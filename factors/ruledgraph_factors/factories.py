@@ -36,7 +36,7 @@ def ruled_surface_factor(
     body_T_cam: gtsam.Pose3 | None = None,
     gravity: ArrayLike = STANDARD_GRAVITY,
 ) -> RuledSurfaceFactor:
-    """One line over all frames that follow a knot, on the knot's state and the line.
+    """One line over all frames that follow a state, on that state and the line.
 
     Residual (default points): r = C_j m_j / |m_j,xy| for every frame j, with m_j the line's moment
     in the camera at R_j = R Exp(theta_j(b)), p_j = p + v t_j + g t_j^2 / 2 + R dp_j(b).
@@ -45,7 +45,7 @@ def ruled_surface_factor(
         noise_model: of dimension `points.rows`, any kind, robust ones too. Units: normalised image
             coordinates of one point, that is pixels over focal length. At the truth the whitened
             squared norm is the number of points; a robust constant belongs above its root.
-        pose_key: Pose3, world_T_body of the knot.
+        pose_key: Pose3, world_T_body of the state.
         velocity_key: Vector3, of the body in the world, m/s.
         bias_key: imuBias.ConstantBias.
         line_key: Vector4, delta of `chart`.
@@ -60,10 +60,10 @@ def ruled_surface_factor(
         FactorError: naming the argument that is wrong.
 
     Source: Zhu, Burner, Aloimonos, arXiv 2512.00327, Eq. 8 to 15, with the inertial motion
-    expressed by a knot's state.
+    expressed by a state.
     """
     spec = RuledSurfaceSpec(
-        form="knot",
+        form="node",
         keys=(pose_key, velocity_key, bias_key, line_key),
         noise_model=noise_model,
         chart=chart,
@@ -90,7 +90,7 @@ def ruled_surface_factor_with_time_offset(
 ) -> RuledSurfaceFactor:
     """`ruled_surface_factor` with the clock of the frames as a variable.
 
-    Takes `time_key` (double, s): how much later than `motion` says the frames were taken. The knot
+    Takes `time_key` (double, s): how much later than `motion` says the frames were taken. The state
     stays where it is; the frames' poses move along the motion, to first order (see the module
     `motion`, which needs `preintegrate_frames(..., with_time=True)`): good for some milliseconds.
     Where the estimate comes out larger, compute the times of coming frames with it. For all else
@@ -100,7 +100,7 @@ def ruled_surface_factor_with_time_offset(
     camera-IMU systems", IJRR 2014, who shift the camera's pose likewise.
     """
     spec = RuledSurfaceSpec(
-        form="knot_time_offset",
+        form="node_time_offset",
         keys=(pose_key, velocity_key, bias_key, time_key, line_key),
         noise_model=noise_model,
         chart=chart,
@@ -130,7 +130,7 @@ def ruled_surface_factor_with_extrinsics(
     `ruled_surface_factor`. Each camera of a rig has a key of its own; all may see the same line.
     """
     spec = RuledSurfaceSpec(
-        form="knot_extrinsics",
+        form="node_extrinsics",
         keys=(pose_key, velocity_key, bias_key, extrinsics_key, line_key),
         noise_model=noise_model,
         chart=chart,
@@ -163,7 +163,7 @@ def ruled_surface_factor_with_gravity_direction(
     """
     magnitude = positive_number("gravity_magnitude", gravity_magnitude)
     spec = RuledSurfaceSpec(
-        form="knot_gravity_direction",
+        form="node_gravity_direction",
         keys=(pose_key, velocity_key, bias_key, gravity_key, line_key),
         noise_model=noise_model,
         chart=chart,
@@ -193,7 +193,7 @@ def ruled_surface_factor_with_gravity_vector(
     `CombinedImuFactorWithGravityVector`; for all else see `ruled_surface_factor`.
     """
     spec = RuledSurfaceSpec(
-        form="knot_gravity_vector",
+        form="node_gravity_vector",
         keys=(pose_key, velocity_key, bias_key, gravity_key, line_key),
         noise_model=noise_model,
         chart=chart,

@@ -114,7 +114,7 @@ def line_distance_factor(
     Args:
         noise_model: of dimension 1, any kind, of the logarithm of the distance: log(4) for 1 / 4
             to 4 times.
-        pose_key: Pose3, world_T_body of a knot that saw the line.
+        pose_key: Pose3, world_T_body of a state that saw the line.
         line_key: Vector4, delta of `chart`.
         chart: of the line.
         distance: median, m.

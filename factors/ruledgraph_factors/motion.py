@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Motion between knots: the poses of all frames after a knot, from the knot's state and the IMU.
+"""Motion between states: the poses of all frames after a state, from the state and the IMU.
 
-A graph keeps one state (pose, velocity, bias) per knot. The frames up to the next knot get no state
-of their own; their poses follow from the knot's by preintegration:
+A graph keeps a state (pose, velocity, bias) every tenth of a second or so. Frames up to the next
+one get no state of their own; their poses follow from the state's by preintegration:
 
     R_t = R_k Exp(theta_t(b)),    p_t = p_k + v_k t + g t^2 / 2 + R_k dp_t(b),
 
@@ -87,7 +87,7 @@ class ImuSamples:
         apply it with the orientation at the start, an error of w x f dt / 2 (0.02 m/s^2 at 1 rad/s
         and 200 Hz) that this takes out.
 
-        Feed the segments to a GTSAM preintegration, so that the factor between two knots and the
+        Feed the segments to a GTSAM preintegration, so that the factor between two states and the
         frames between them see the same motion.
 
         Args:
@@ -133,7 +133,7 @@ class PredictedPoses(NamedTuple):
     """World poses of n frames, with Jacobians.
 
     Jacobians are of the poses' own right perturbation (rotation, translation), 6 rows, by the
-    knot's pose (6), velocity (3), bias (6: accelerometer, gyroscope), by gravity (3) and, of a
+    state's pose (6), velocity (3), bias (6: accelerometer, gyroscope), by gravity (3) and, of a
     motion with a `time_jacobian`, by a shift of the frames in time (1).
     """
 
@@ -147,16 +147,16 @@ class PredictedPoses(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FrameMotion:
-    """Preintegrated motion from a knot to each of n frames; see the module's equation.
+    """Preintegrated motion from a state to each of n frames; see the module's equation.
 
     Build it with `preintegrate_frames` or, for frames that have a pose of their own,
     `FrameMotion.at_rest`.
     """
 
     elapsed: FloatArray
-    """Time since the knot, (n,), s."""
+    """Time since the state, (n,), s."""
     preintegrated: FloatArray
-    """(theta, dp, dv) at `bias`, (n, 9), in the knot's body frame."""
+    """(theta, dp, dv) at `bias`, (n, 9), in the state's body frame."""
     bias_jacobian: FloatArray
     """H, its derivative by the bias (accelerometer, gyroscope), (n, 9, 6)."""
     bias: FloatArray
@@ -176,13 +176,13 @@ class FrameMotion:
         if self.time_jacobian is not None:
             checked["time_jacobian"] = finite_array("time_jacobian", self.time_jacobian, (count, 6))
         if checked["elapsed"][0] < 0.0:
-            raise FactorError(f"elapsed starts at {checked['elapsed'][0]:g} s, before the knot")
+            raise FactorError(f"elapsed starts at {checked['elapsed'][0]:g} s, before the state")
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
     @classmethod
     def at_rest(cls) -> "FrameMotion":
-        """No motion at all: one frame at the knot itself."""
+        """No motion at all: one frame at the state itself."""
         return cls(np.zeros(1), np.zeros((1, 9)), np.zeros((1, 9, 6)), np.zeros(6))
 
     def __len__(self) -> int:
@@ -215,7 +215,7 @@ class FrameMotion:
         gravity: ArrayLike = STANDARD_GRAVITY,
         time_shift: float = 0.0,
     ) -> list[gtsam.Pose3]:
-        """world_T_body of every frame, from the knot's state; times body_T_cam, its camera.
+        """world_T_body of every frame, from the state; times body_T_cam, its camera.
 
         `time_shift` as for `predict`.
         """
@@ -243,10 +243,10 @@ class FrameMotion:
         want_jacobian: bool = True,
         time_shift: float = 0.0,
     ) -> PredictedPoses:
-        """Poses of all frames from the knot's state.
+        """Poses of all frames from the state.
 
         Args:
-            rotation: world_R_body of the knot, (3, 3).
+            rotation: world_R_body of the state, (3, 3).
             position: of the body in the world, (3,), m.
             velocity: of the body in the world, (3,), m/s.
             bias: accelerometer and gyroscope, (6,).
@@ -269,15 +269,15 @@ class FrameMotion:
         if not want_jacobian:
             return PredictedPoses(rotations, positions, None)
 
-        frame_R_knot = delta_rotation.transpose(0, 2, 1)
+        frame_R_node = delta_rotation.transpose(0, 2, 1)
         frame_R_world = rotations.transpose(0, 2, 1)
         jacobian = np.zeros((len(self), 6, 18 if self.time_jacobian is None else 19))
-        jacobian[:, :3, 0:3] = frame_R_knot
-        jacobian[:, 3:, 0:3] = -frame_R_knot @ hat(delta_position)
-        jacobian[:, 3:, 3:6] = frame_R_knot
+        jacobian[:, :3, 0:3] = frame_R_node
+        jacobian[:, 3:, 0:3] = -frame_R_node @ hat(delta_position)
+        jacobian[:, 3:, 3:6] = frame_R_node
         jacobian[:, 3:, 6:9] = frame_R_world * by_velocity[..., None]
         jacobian[:, :3, 9:15] = right_jacobian @ self.bias_jacobian[:, :3]
-        jacobian[:, 3:, 9:15] = frame_R_knot @ self.bias_jacobian[:, 3:6]
+        jacobian[:, 3:, 9:15] = frame_R_node @ self.bias_jacobian[:, 3:6]
         jacobian[:, 3:, 15:18] = frame_R_world * by_gravity[..., None]
         if self.time_jacobian is not None:
             turning, moving = self.time_jacobian[:, :3], self.time_jacobian[:, 3:]
@@ -289,35 +289,35 @@ class FrameMotion:
 
 def preintegrate_frames(
     imu: ImuSamples,
-    knot_time: float,
+    node_time: float,
     frame_times: ArrayLike,
     bias: gtsam.imuBias.ConstantBias | None = None,
     with_time: bool = False,
 ) -> FrameMotion:
-    """Preintegrate the IMU from a knot to every frame after it.
+    """Preintegrate the IMU from a state to every frame after it.
 
     Args:
-        imu: samples that cover [knot_time, frame_times[-1]].
-        knot_time: time of the knot's state, s.
-        frame_times: strictly increasing, the first at or after the knot, (n,), s.
+        imu: samples that cover [node_time, frame_times[-1]].
+        node_time: time of the state, s.
+        frame_times: strictly increasing, the first at or after the state, (n,), s.
         bias: where to linearise, by default zero; use the current estimate.
         with_time: whether to fill `FrameMotion.time_jacobian`.
 
     Raises:
-        FactorError: for frames before the knot, times not increasing, samples that do not cover
+        FactorError: for frames before the state, times not increasing, samples that do not cover
             the frames, or a turn of more than pi, beyond which rotation vectors (and GTSAM's
             preintegration) lose their footing.
     """
     instance("imu", imu, ImuSamples)
-    knot_time = number("knot_time", knot_time)
+    node_time = number("node_time", node_time)
     times = increasing_times("frame_times", frame_times)
-    if times[0] < knot_time - SAME_TIME:
+    if times[0] < node_time - SAME_TIME:
         raise FactorError(
-            f"frame_times[0] = {times[0]:.9f} s lies before the knot at {knot_time:.9f} s"
+            f"frame_times[0] = {times[0]:.9f} s lies before the state at {node_time:.9f} s"
         )
-    times = np.maximum(times, knot_time)
+    times = np.maximum(times, node_time)
     bias_vector = _bias_vector(bias)
-    breaks, force, rate = imu._segment_arrays(knot_time, float(times[-1]), times, bias_vector)
+    breaks, force, rate = imu._segment_arrays(node_time, float(times[-1]), times, bias_vector)
     deltas, jacobians = np.empty((breaks.size, 9)), np.empty((breaks.size, 9, 6))
     integrate = native.integrate if active_kernel() == "native" else integrate_in_numpy
     last = integrate(
@@ -325,8 +325,8 @@ def preintegrate_frames(
     )
     if deltas[last, :3] @ deltas[last, :3] > np.pi**2:
         raise FactorError(
-            f"frame_times: the body turns by more than half a turn from {knot_time:.3f} s "
-            f"to {breaks[last]:.3f} s; put a knot in between"
+            f"frame_times: the body turns by more than half a turn from {node_time:.3f} s "
+            f"to {breaks[last]:.3f} s; put a state in between"
         )
     at_frames = np.searchsorted(breaks, np.minimum(times, breaks[-1]))
     delta, by_time = deltas[at_frames], None
@@ -336,4 +336,4 @@ def preintegrate_frames(
         rate = np.stack(at, axis=1) - bias_vector[3:]
         turning = np.einsum("nij,nj->ni", inverse_right_jacobian(delta[:, :3]), rate)
         by_time = np.hstack([turning, delta[:, 6:]])
-    return FrameMotion(times - knot_time, delta, jacobians[at_frames], bias_vector, by_time)
+    return FrameMotion(times - node_time, delta, jacobians[at_frames], bias_vector, by_time)

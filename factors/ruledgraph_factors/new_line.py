@@ -110,7 +110,7 @@ def new_line_factor(
 
     Args:
         noise_model: of dimension 4, any kind, of delta (rad), such as `NEW_LINE_SIGMAS`.
-        pose_key: Pose3, world_T_body of a knot that saw the line.
+        pose_key: Pose3, world_T_body of a state that saw the line.
         line_key: Vector4, delta of `chart`.
         chart: of the line.
         world_T_body: estimate of the pose, from which the reference line was made.

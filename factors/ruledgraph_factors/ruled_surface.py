@@ -45,7 +45,7 @@ class State(NamedTuple):
     """What a factor depends on."""
 
     world_T_body: FloatArray
-    """Pose of the knot, (4, 4)."""
+    """Pose of the state, (4, 4)."""
     velocity: FloatArray
     """Of the body in the world, (3,), m/s."""
     bias: FloatArray

@@ -17,23 +17,23 @@ from ruledgraph_factors.observations import GeometricPoints, ReprojectionPoints
 from ruledgraph_factors.validation import FloatArray, finite_array, instance, pose
 
 Form: TypeAlias = Literal[
-    "knot",
-    "knot_time_offset",
-    "knot_extrinsics",
-    "knot_gravity_direction",
-    "knot_gravity_vector",
+    "node",
+    "node_time_offset",
+    "node_extrinsics",
+    "node_gravity_direction",
+    "node_gravity_vector",
     "pose",
     "pose_extrinsics",
 ]
 """Which variables a factor connects, see `KEY_NAMES`."""
 
-_KNOT = ("pose_key", "velocity_key", "bias_key")
+_NODE = ("pose_key", "velocity_key", "bias_key")
 KEY_NAMES: dict[Form, tuple[str, ...]] = {
-    "knot": (*_KNOT, "line_key"),
-    "knot_time_offset": (*_KNOT, "time_key", "line_key"),
-    "knot_extrinsics": (*_KNOT, "extrinsics_key", "line_key"),
-    "knot_gravity_direction": (*_KNOT, "gravity_key", "line_key"),
-    "knot_gravity_vector": (*_KNOT, "gravity_key", "line_key"),
+    "node": (*_NODE, "line_key"),
+    "node_time_offset": (*_NODE, "time_key", "line_key"),
+    "node_extrinsics": (*_NODE, "extrinsics_key", "line_key"),
+    "node_gravity_direction": (*_NODE, "gravity_key", "line_key"),
+    "node_gravity_vector": (*_NODE, "gravity_key", "line_key"),
     "pose": ("pose_key", "line_key"),
     "pose_extrinsics": ("pose_key", "extrinsics_key", "line_key"),
 }
@@ -59,8 +59,8 @@ class RuledSurfaceSpec(FactorSpec):
     body_T_cam: gtsam.Pose3
     """In the forms with extrinsics it is a variable and this is not used."""
     gravity: FloatArray
-    """World gravity, (3,), m/s^2; in the form "knot_gravity_direction" only its norm counts, in
-    "knot_gravity_vector" and "pose" it is not used."""
+    """World gravity, (3,), m/s^2; in the form "node_gravity_direction" only its norm counts, in
+    "node_gravity_vector" and "pose" it is not used."""
 
     def __post_init__(self) -> None:
         if self.form not in get_args(Form):
@@ -82,7 +82,7 @@ class RuledSurfaceSpec(FactorSpec):
             raise FactorError(
                 f"points has {self.points.frames} frames, but motion has {len(self.motion)}"
             )
-        if self.form == "knot_time_offset" and self.motion.time_jacobian is None:
+        if self.form == "node_time_offset" and self.motion.time_jacobian is None:
             raise FactorError(
                 "motion has no time_jacobian: use preintegrate_frames(..., with_time=True)"
             )

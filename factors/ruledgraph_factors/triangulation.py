@@ -187,7 +187,7 @@ class _Views:
     ) -> LineMinimum:
         # A factor whose frames are cameras that stand fast.
         spec = RuledSurfaceSpec(
-            form="knot",
+            form="node",
             keys=(0, 1, 2, 3),  # of no graph
             noise_model=noiseModel.Unit.Create(self.points.rows),
             chart=chart,

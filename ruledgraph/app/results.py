@@ -61,7 +61,7 @@ class Results:
 
     - `trajectory_live.tum`: world_T_body at each frame as known at its time;
     - `trajectory.tum`: the same as each frame left the window;
-    - `states.csv`: at each knot when it was new: velocity, biases, gravity, standard deviations
+    - `states.csv`: at each state when it was new: velocity, biases, gravity, standard deviations
       (rotation and position in the body frame), time offset, lines in view, status, segment;
     - `lines.csv`: end points in the world, their covariance, first and last stamp, edge points;
       `lines.ply` and `lines.obj`, at the end, hold the same segments;
@@ -103,7 +103,7 @@ class Results:
             self._live.append(estimate.stamp, estimate.world_T_body)
             for file in self._more_live:
                 file.append(estimate)
-            if estimate.at_knot:
+            if estimate.at_node:
                 self._states.writerow(_state_row(estimate))
         for estimate in smoothed:
             self._smoothed.append(estimate.stamp, estimate.world_T_body)

@@ -49,7 +49,7 @@ _NOTHING_ESTIMATED, _BY_SIGNAL = 3, 128
 _OFF = {
     NO_ESTIMATE: "there was no start, or none held",
     "dead reckoning": "the IMU alone carried them",
-    "doubtful": "images and IMU disagree",
+    "degraded": "images and IMU disagree",
 }
 
 

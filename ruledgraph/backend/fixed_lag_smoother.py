@@ -29,28 +29,28 @@ class FixedLagSmoother:
         careful: begin with Dogleg and QR.
     """
 
-    def __init__(self, config: WindowConfig, careful: bool = False) -> None:
+    def __init__(self, config: WindowConfig, dogleg: bool = False) -> None:
         self._config = config
         self._times: dict[int, float] = {}
         self.trouble = ""
-        """Why it last had to go over to careful steps."""
-        self._begin(careful)
+        """Why it last had to go over to Dogleg steps."""
+        self._begin(dogleg)
 
-    def _begin(self, careful: bool) -> None:
+    def _begin(self, dogleg: bool) -> None:
         params = gtsam.ISAM2Params()
         params.setRelinearizeThreshold(self._config.relinearize)
         params.relinearizeSkip = 1
         params.findUnusedFactorSlots = True
-        if careful:
+        if dogleg:
             params.setOptimizationParams(gtsam.ISAM2DoglegParams())
             params.setFactorization("QR")
-        self._careful_for = self._config.careful_updates if careful else 0
+        self._dogleg_for = self._config.dogleg_updates if dogleg else 0
         self._smoother = gtsam.IncrementalFixedLagSmoother(self._config.lag, params)
 
     @property
-    def careful(self) -> bool:
+    def dogleg(self) -> bool:
         """Whether it takes Dogleg steps by QR now."""
-        return self._careful_for > 0
+        return self._dogleg_for > 0
 
     def update(
         self,
@@ -72,7 +72,7 @@ class FixedLagSmoother:
             The estimate of all variables.
 
         Raises:
-            SmootherError: when the careful way fails, too. What is known is lost then.
+            SmootherError: when the Dogleg way fails, too. What is known is lost then.
         """
         # Copies: what GTSAM hands out changes with the smoother, also in an update that fails.
         factors_before = gtsam.NonlinearFactorGraph(self._smoother.getFactors())
@@ -82,16 +82,16 @@ class FixedLagSmoother:
         times_before = {key: self._times[key] for key in values_before.keys()}  # noqa: SIM118
         known = factors_before, values_before, times_before
         self._times = times_before | dict(times)
-        was_careful = self.careful
-        self._careful_for = max(0, self._careful_for - 1)
-        if not self.careful:
+        was_dogleg = self.dogleg
+        self._dogleg_for = max(0, self._dogleg_for - 1)
+        if not self.dogleg:
             try:
-                if was_careful:
-                    self._take_over(*known, careful=False)
+                if was_dogleg:
+                    self._take_over(*known, dogleg=False)
                 return self._solve(factors, values, times, check)
             except SmootherError as failure:
                 self.trouble = str(failure)
-                self._take_over(*known, careful=True)
+                self._take_over(*known, dogleg=True)
         return self._solve(factors, values, times, check)
 
     def _solve(
@@ -126,7 +126,7 @@ class FixedLagSmoother:
         factors: gtsam.NonlinearFactorGraph,
         values: gtsam.Values,
         times: Mapping[int, float],
-        careful: bool,
+        dogleg: bool,
     ) -> None:
         """Begin anew with the factors and variables of another smoother."""
         kept = gtsam.NonlinearFactorGraph()
@@ -137,7 +137,7 @@ class FixedLagSmoother:
                 factor = gtsam.LinearContainerFactor(factor.linearize(values), values)
             if factor is not None:
                 kept.push_back(factor)
-        self._begin(careful)
+        self._begin(dogleg)
         self._call(kept, values, times)
 
     def linearization_point(self) -> gtsam.Values:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import gtsam
 from gtsam.symbol_shorthand import B, V, X
 
-from ruledgraph.backend.states import Knot, insert_state
+from ruledgraph.backend.states import StateNode, insert_state
 
 
 @dataclass(eq=False)
@@ -18,7 +18,7 @@ class GraphUpdate:
     values: gtsam.Values = field(default_factory=gtsam.Values)
     times: dict[int, float] = field(default_factory=dict)
 
-    def insert(self, knot: Knot) -> None:
+    def insert(self, node: StateNode) -> None:
         """Add the variables of a state."""
-        insert_state(self.values, knot)
-        self.times |= {key(knot.index): knot.time for key in (X, V, B)}
+        insert_state(self.values, node)
+        self.times |= {key(node.index): node.time for key in (X, V, B)}

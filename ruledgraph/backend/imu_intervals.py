@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
-from ruledgraph.backend.states import Interval, Knot
+from ruledgraph.backend.states import Interval, StateNode
 from ruledgraph.backend.time_offset import OffsetLink
 from ruledgraph.calibration.sensors import ImuNoise
 from ruledgraph.imu.buffer import ImuBuffer, params_across
@@ -16,7 +16,7 @@ from ruledgraph_factors import preintegrate_frames
 
 
 def imu_interval(
-    knot: Knot,
+    node: StateNode,
     stamps: Sequence[int],
     times: Sequence[float],
     again: int,
@@ -24,11 +24,11 @@ def imu_interval(
     noise: ImuNoise,
     link: OffsetLink | None,
     still: bool,
-) -> tuple[Interval, Knot]:
+) -> tuple[Interval, StateNode]:
     """The frames after a state with their motion, and the state at the last of them.
 
     Args:
-        knot: the state before.
+        node: the state before.
         stamps: of the frames, ns.
         times: of the frames, s.
         again: 1 when the first of them is the state's own.
@@ -38,23 +38,23 @@ def imu_interval(
         still: whether the body rested all the time.
     """
     params, known = noise.preintegration_params(), len(times)
-    doubts = imu.doubts(knot.time, times[-1])
-    if doubts:
-        params = params_across(noise, doubts, knot.time, times[-1])
-        first = min(doubt.start for doubt in doubts)
+    unreliable = imu.unreliable(node.time, times[-1])
+    if unreliable:
+        params = params_across(noise, unreliable, node.time, times[-1])
+        first = min(interval.start for interval in unreliable)
         known = max(again, sum(time <= first for time in times))
-    samples = imu.between(knot.time, times[-1])
-    preintegrated = gtsam.PreintegratedCombinedMeasurements(params, knot.bias)
-    for segment in samples.segments(knot.time, times[-1], at=times, bias=knot.bias):
+    samples = imu.between(node.time, times[-1])
+    preintegrated = gtsam.PreintegratedCombinedMeasurements(params, node.bias)
+    for segment in samples.segments(node.time, times[-1], at=times, bias=node.bias):
         preintegrated.integrateMeasurement(*segment)
     if still:
-        state = gtsam.NavState(knot.state.pose(), np.zeros(3))
+        state = gtsam.NavState(node.state.pose(), np.zeros(3))
     else:
-        state = preintegrated.predict(knot.state, knot.bias)
-    k = knot.index
+        state = preintegrated.predict(node.state, node.bias)
+    k = node.index
     factor = gtsam.CombinedImuFactor(X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1), preintegrated)
     # At rest the noise of the gyroscope would feign knowledge of the offset.
     timed = link is not None and not still
-    motion = preintegrate_frames(samples, knot.time, times, knot.bias, with_time=timed)
-    interval = Interval(knot, list(stamps), motion, [factor], known, again, link, still)
-    return interval, Knot(k + 1, times[-1], state, knot.bias, knot.covariance)
+    motion = preintegrate_frames(samples, node.time, times, node.bias, with_time=timed)
+    interval = Interval(node, list(stamps), motion, [factor], known, again, link, still)
+    return interval, StateNode(k + 1, times[-1], state, node.bias, node.covariance)

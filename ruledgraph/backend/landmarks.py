@@ -40,7 +40,7 @@ class Landmark:
     first_stamp: int
     last_stamp: int
     last_time: float
-    """Of the last knot whose interval saw it, s."""
+    """Of the last state whose interval saw it, s."""
     in_view: bool = True
     """Whether the latest frame saw it."""
     linearized: FloatArray = field(default_factory=lambda: np.zeros(4))
@@ -48,7 +48,7 @@ class Landmark:
     fixed: bool = False
     """Whether the smoother has stopped to linearise it anew."""
     points: int = 0
-    bad_knots: int = 0
+    bad_nodes: int = 0
     covariance_time: float = -np.inf
     _reach: list[FloatArray] = field(default_factory=list)
     _known: tuple[FloatArray, LineChart, Plucker] | None = None
@@ -70,7 +70,7 @@ class Landmark:
         inverse, slope = self.chart.inverse_distance(self.delta)
         return inverse, float(np.sqrt(max(float(slope @ self.covariance @ slope), 0.0)))
 
-    def note_reach(self, reach: FloatArray) -> None:
+    def record_extent(self, reach: FloatArray) -> None:
         """From where to where it was seen, (2,), m from the point next to the anchor."""
         self._reach.append(reach)
         del self._reach[:-_KEPT]
@@ -92,7 +92,7 @@ class Landmark:
         )
 
 
-def note_reach(
+def record_extent(
     lines: Sequence[Landmark], world_T_cams: Sequence[gtsam.Pose3], ends: FloatArray
 ) -> None:
     """Take note of how far lines were seen, each by its camera from one end to the other.
@@ -126,4 +126,4 @@ def note_reach(
     reach = np.sort(reach / np.where(seen, sine2, 1.0), axis=1)
     for line, own, both in zip(lines, reach, seen.all(axis=1).tolist(), strict=True):
         if both:
-            line.note_reach(own)
+            line.record_extent(own)

@@ -12,7 +12,7 @@ from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, V, X
 
 from ruledgraph.backend.landmarks import Landmark
-from ruledgraph.backend.states import Interval, Knot, LineObservation
+from ruledgraph.backend.states import Interval, LineObservation, StateNode
 from ruledgraph.core.config import LinesConfig
 from ruledgraph.core.line_observations import Sighting
 from ruledgraph_factors import (
@@ -60,7 +60,7 @@ def observation(
     """The factor of a line over the frames `index` of an interval, in which it was sighted."""
     compressed = compressed_points(sightings)
     noise = edge_noise(compressed.rows, compressed.weight, sigma, cauchy_scale)
-    k = interval.knot.index
+    k = interval.node.index
     is_whole = len(index) == len(interval.stamps)
     motion = interval.motion if is_whole else interval.motion.select(list(index))
     rest = motion, line.chart, compressed, body_T_cam
@@ -73,11 +73,11 @@ def observation(
 
 
 def new_line_factors(
-    knot: Knot, seen: LineObservation, config: LinesConfig
+    node: StateNode, seen: LineObservation, config: LinesConfig
 ) -> tuple[gtsam.NonlinearFactor, ...]:
     """What is known of a line before it is looked at from two places, by its first observation.
 
-    It is all said of the line as seen from that knot. Priors in the world's frame would do as well
+    It is all said of the line as seen from that state. Priors in the world's frame would do as well
     for the line; but with every line that came, place and heading, which nothing shows, would seem
     better known, and be drawn to where the priors fit.
     """
@@ -88,7 +88,7 @@ def new_line_factors(
     # for good: its points once more, loose and without that loss.
     sigma = config.new_plane_sigma * math.sqrt(points.weight)
     loose = noiseModel.Isotropic.Sigma(points.rows, sigma)
-    pose_key, pose = spec.keys[0], knot.state.pose()
+    pose_key, pose = spec.keys[0], node.state.pose()
     return (
         new_line_factor(wide, pose_key, line.key, line.chart, pose),
         line_distance_factor(factor, pose_key, line.key, line.chart, config.prior_distance),

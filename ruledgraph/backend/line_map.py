@@ -17,7 +17,7 @@ from gtsam.symbol_shorthand import L
 
 from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother
 from ruledgraph.backend.graph_update import GraphUpdate
-from ruledgraph.backend.landmarks import Landmark, note_reach
+from ruledgraph.backend.landmarks import Landmark, record_extent
 from ruledgraph.backend.line_factors import compressed_points, new_line_factors, observation
 from ruledgraph.backend.states import Interval
 from ruledgraph.calibration.sensors import Calibration
@@ -133,7 +133,7 @@ class LineMap:
         update.values.insert(line.key, delta)
         for interval, index, sightings in seen:
             self._observe(interval, line, index, sightings, now, update)
-        for factor in new_line_factors(seen[0][0].knot, seen[0][0].observations[-1], self._config):
+        for factor in new_line_factors(seen[0][0].node, seen[0][0].observations[-1], self._config):
             update.factors.add(factor)
 
     def _triangulated(
@@ -226,12 +226,12 @@ class LineMap:
         camera.
         """
         of_frames = interval.cameras(self._body_T_cam)
-        at_knot = interval.state(np.zeros(4))
+        at_node = interval.state(np.zeros(4))
         good, cameras, ends = [], [], []
         for line, factor, points, (frame, last_points) in interval.observations:
             if factor.spec.keys[-1] != line.key or self.lines.get(line.id) is not line:
                 continue  # it was just re-anchored, or dropped
-            value = factor.evaluate(at_knot._replace(line=line.delta), False).value
+            value = factor.evaluate(at_node._replace(line=line.delta), False).value
             weight = points.weight
             off = math.sqrt(float(value @ value) / weight) * self._focal
             offset = points.mean_distance(value) * math.sqrt(weight) / self._sigma
@@ -240,15 +240,15 @@ class LineMap:
             interval.misfits += misses
             inverse, sigma = line.inverse_distance()
             bad = misses or inverse < -self._config.behind_sigmas * sigma - _AT_INFINITY
-            line.bad_knots = line.bad_knots + 1 if bad else 0
-            if line.bad_knots >= self._config.max_bad_states:
+            line.bad_nodes = line.bad_nodes + 1 if bad else 0
+            if line.bad_nodes >= self._config.max_bad_states:
                 self.rejected.add(line.id)
                 del self.lines[line.id]
             elif not bad:
                 good.append(line)
                 cameras.append(of_frames[frame])
                 ends.append(last_points[[0, -1]])
-        note_reach(good, cameras, np.array(ends))
+        record_extent(good, cameras, np.array(ends))
 
     def retire(self, before: float) -> None:
         """Lines that were last seen before a time (s) leave."""

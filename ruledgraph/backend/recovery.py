@@ -7,12 +7,12 @@ from collections.abc import Iterable, Sequence
 from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_factors import new_line_factors
-from ruledgraph.backend.states import Interval, Knot, joint_prior
+from ruledgraph.backend.states import Interval, StateNode, joint_prior
 from ruledgraph.core.config import Config
 
 
 def rebuilt(
-    knots: Sequence[Knot],
+    nodes: Sequence[StateNode],
     intervals: Sequence[Interval],
     lines: Iterable[Landmark],
     config: Config,
@@ -21,7 +21,7 @@ def rebuilt(
     state.
 
     Args:
-        knots: one more than intervals.
+        nodes: one more than intervals.
         intervals: between them.
         lines: that are to be kept.
         config: all settings.
@@ -29,19 +29,19 @@ def rebuilt(
     update = GraphUpdate()
     factors, values, times = update.factors, update.values, update.times
     random_walk = config.time_offset.random_walk
-    factors.add(joint_prior(knots[0]))
-    for knot in knots:
-        update.insert(knot)
+    factors.add(joint_prior(nodes[0]))
+    for node in nodes:
+        update.insert(node)
     links = [interval.link for interval in intervals if interval.link is not None]
     for i, link in enumerate(links):
-        tie = link.tie(links[i - 1], random_walk) if i else None
-        factors.add(tie or link.prior())
+        random_walk_factor = link.random_walk_factor(links[i - 1], random_walk) if i else None
+        factors.add(random_walk_factor or link.prior())
         values.insert(link.key, link.shift)
         times[link.key] = link.time
     kept = {id(line) for line in lines}
     for interval in intervals:
         for factor in interval.imu_factors:
-            # A rest's first knot may have left.
+            # A rest's first state may have left.
             if all(values.exists(key) for key in factor.keys()):  # noqa: SIM118
                 factors.add(factor)
         for seen in interval.observations:
@@ -51,7 +51,7 @@ def rebuilt(
                 continue
             factors.add(seen.factor)
             if line.key not in times:
-                for factor in new_line_factors(interval.knot, seen, config.lines):
+                for factor in new_line_factors(interval.node, seen, config.lines):
                     factors.add(factor)
                 values.insert(line.key, line.delta)
                 times[line.key] = line.last_time

@@ -15,21 +15,21 @@ from ruledgraph.core.config import RestConfig
 
 
 def resting(intervals: Sequence[Interval]) -> list[Interval]:
-    """Those of the rest that goes on until the newest knot, newest first."""
+    """Those of the rest that goes on until the newest state, newest first."""
     return list(takewhile(lambda interval: interval.still, reversed(intervals)))
 
 
 def rest_factors(
     intervals: Sequence[Interval], now: float, config: RestConfig
 ) -> list[gtsam.NonlinearFactor]:
-    """What a rest says that goes on until the newest knot, at time `now`, of the knot in its
-    middle: no velocity, and no motion since its first knot. The knot's interval keeps them.
+    """What a rest says that goes on until the newest state, at time `now`, of the state in its
+    middle: no velocity, and no motion since its first state. The state's interval keeps them.
     """
     rest = resting(intervals)
-    middle = next((part for part in rest if part.knot.time <= now - config.settle_time), None)
+    middle = next((part for part in rest if part.node.time <= now - config.settle_time), None)
     if middle is None:
         return []
-    first, k = rest[-1].knot.index, middle.knot.index
+    first, k = rest[-1].node.index, middle.node.index
     slow = noiseModel.Isotropic.Sigma(3, config.velocity_sigma)
     factors: list[gtsam.NonlinearFactor] = [gtsam.PriorFactorVector(V(k), np.zeros(3), slow)]
     if k > first:

@@ -19,7 +19,7 @@ from ruledgraph.backend.line_map import LineMap
 from ruledgraph.backend.recovery import rebuilt
 from ruledgraph.backend.rest_factors import rest_factors, resting
 from ruledgraph.backend.start import Start
-from ruledgraph.backend.states import Interval, Knot, add_priors
+from ruledgraph.backend.states import Interval, StateNode, add_priors
 from ruledgraph.backend.time_offset import OffsetLink
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
@@ -45,13 +45,13 @@ class Window:
             np.eye(3) * start.velocity_sigma**2,
             np.diag(np.square(start.bias_sigmas)),
         )
-        first = Knot(0, start.time, start.state, start.bias, covariance)
+        first = StateNode(0, start.time, start.state, start.bias, covariance)
         self.time_offset = start.time_offset
         """Beyond the calibration's, as of the newest interval, when it is estimated."""
         if start.time_offset is not None:
             self.time_offset = start.time_offset.moved(correction)
         self.first_stamp = start.stamp
-        self.knots = deque([first])
+        self.nodes = deque([first])
         self.intervals: deque[Interval] = deque()
         self.line_map = LineMap(calibration, config, start.lines)
         self.recoveries: list[str] = []
@@ -63,13 +63,13 @@ class Window:
         add_priors(self._update.factors, first)
         self._update.insert(first)
 
-    def _fresh_smoother(self, careful: bool = False) -> FixedLagSmoother:
-        return FixedLagSmoother(self._config.window, careful)
+    def _fresh_smoother(self, dogleg: bool = False) -> FixedLagSmoother:
+        return FixedLagSmoother(self._config.window, dogleg)
 
     @property
-    def newest(self) -> Knot:
+    def newest(self) -> StateNode:
         """The latest state."""
-        return self.knots[-1]
+        return self.nodes[-1]
 
     @property
     def lines(self) -> dict[int, Landmark]:
@@ -80,7 +80,7 @@ class Window:
     def rests_since(self) -> float:
         """Time of the first state of the rest that goes on, or of the newest state, s."""
         rest = resting(self.intervals)
-        return rest[-1].knot.time if rest else self.newest.time
+        return rest[-1].node.time if rest else self.newest.time
 
     def is_plausible(self) -> bool:
         """Whether the newest state can be one of a carried or flown camera and its IMU."""
@@ -121,22 +121,22 @@ class Window:
         if link is not None:
             self._add_link(link, previous_link)
         self.intervals.append(interval)
-        self.knots.append(new)
+        self.nodes.append(new)
         self._update.insert(new)
         for factor in rest_factors(self.intervals, new.time, self._config.rest):
             self._update.factors.add(factor)
         self.line_map.observe(tracks, self.intervals, new.time, self._update)
 
-    def _link(self, knot: Knot, correction: float) -> OffsetLink | None:
+    def _link(self, node: StateNode, correction: float) -> OffsetLink | None:
         """The time offset of the frames after a state, when that is estimated."""
         if self.time_offset is None:
             return None
         value, sigma = self.time_offset
-        return OffsetLink(knot.index, knot.time, correction, value - correction, sigma)
+        return OffsetLink(node.index, node.time, correction, value - correction, sigma)
 
     def _add_link(self, link: OffsetLink, before: OffsetLink | None) -> None:
         random_walk = self._config.time_offset.random_walk
-        factor = link.tie(before, random_walk) if before else link.prior()
+        factor = link.random_walk_factor(before, random_walk) if before else link.prior()
         self._update.factors.add(factor)
         self._update.values.insert(link.key, link.shift)
         self._update.times[link.key] = link.time
@@ -151,16 +151,16 @@ class Window:
         """
         gone = self._drop_old()
         self.line_map.reanchor(self._update)
-        was_careful = self._smoother.careful
+        was_dogleg = self._smoother.dogleg
         try:
             self._solve(self._update)
         except SmootherError as failure:
             self.recoveries.append(f"at {self.newest.time:.2f} s: {failure}")
             self._recover()
         else:
-            if self._smoother.careful and not was_careful:
+            if self._smoother.dogleg and not was_dogleg:
                 trouble = f"at {self.newest.time:.2f} s: {self._smoother.trouble}"
-                self.recoveries.append(f"{trouble}; solved by careful steps")
+                self.recoveries.append(f"{trouble}; solved by Dogleg steps")
         self._update = GraphUpdate()
         self.solved = self.newest.time
         self._read_covariances()
@@ -174,21 +174,21 @@ class Window:
     def _drop_old(self) -> list[Interval]:
         oldest = self.newest.time - self._config.window.lag
         gone = []
-        while self.intervals and self.intervals[0].knot.time < oldest:
+        while self.intervals and self.intervals[0].node.time < oldest:
             interval = self.intervals.popleft()
-            self._read_covariance(interval.knot)
+            self._read_covariance(interval.node)
             gone.append(interval)
-            self.knots.popleft()
+            self.nodes.popleft()
             for line, factor, _, _ in interval.observations:
                 line.fixed |= factor.spec.keys[-1] == line.key
         self.line_map.retire(oldest)
         return gone
 
     def _read(self, estimate: gtsam.Values) -> None:
-        for knot in self.knots:
-            pose, velocity = estimate.atPose3(X(knot.index)), estimate.atVector(V(knot.index))
-            knot.state = gtsam.NavState(pose, velocity)
-            knot.bias = estimate.atConstantBias(B(knot.index))
+        for node in self.nodes:
+            pose, velocity = estimate.atPose3(X(node.index)), estimate.atVector(V(node.index))
+            node.state = gtsam.NavState(pose, velocity)
+            node.bias = estimate.atConstantBias(B(node.index))
         for link in filter(None, (interval.link for interval in self.intervals)):
             link.shift = estimate.atDouble(link.key)
         self.line_map.read(estimate, self._smoother.linearization_point())
@@ -214,16 +214,16 @@ class Window:
             self.time_offset = link.offset
         self.line_map.read_covariances(self._smoother, self.newest.time)
 
-    def _read_covariance(self, knot: Knot) -> None:
-        keys = X(knot.index), V(knot.index), B(knot.index)
+    def _read_covariance(self, node: StateNode) -> None:
+        keys = X(node.index), V(node.index), B(node.index)
         covariance = self._smoother.joint_covariance(keys)
         if covariance is not None:
-            knot.covariance = covariance
+            node.covariance = covariance
 
     def read_smoothed_covariances(self) -> None:
         """Of all states, as they are known now."""
-        for knot in self.knots:
-            self._read_covariance(knot)
+        for node in self.nodes:
+            self._read_covariance(node)
 
     def _recover(self) -> None:
         """A new smoother from the window's own states, marginals and data; failing that, without
@@ -233,9 +233,9 @@ class Window:
             if not with_lines:
                 self.line_map.reject_all()
             try:
-                self._smoother = self._fresh_smoother(careful=True)
+                self._smoother = self._fresh_smoother(dogleg=True)
                 lines = self.lines.values()
-                update = rebuilt(self.knots, self.intervals, lines, self._config)
+                update = rebuilt(self.nodes, self.intervals, lines, self._config)
                 self._solve(update)
                 self.line_map.keep(update.times)
                 return

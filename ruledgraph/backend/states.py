@@ -30,7 +30,7 @@ _UNIT = noiseModel.Unit.Create(15)
 
 
 @dataclass(eq=False)
-class Knot:
+class StateNode:
     """A state of the graph."""
 
     index: int
@@ -66,17 +66,17 @@ class LineObservation(NamedTuple):
 
 @dataclass(eq=False)
 class Interval:
-    """The frames after a knot, up to and including the next knot's."""
+    """The frames after a state, up to and including the next state's."""
 
-    knot: Knot
+    node: StateNode
     stamps: list[int]
     """Of its frames, ns."""
     motion: FrameMotion
     imu_factors: list[gtsam.NonlinearFactor]
     known: int
-    """How many of its frames come before a doubt of the IMU: the others' poses are guesses."""
+    """How many of its frames come before the IMU is unreliable: the others' poses are guesses."""
     again: int = 0
-    """1 when the knot's own frame is the first: the interval before could not place it."""
+    """1 when the state's own frame is the first: the interval before could not place it."""
     link: OffsetLink | None = None
     """The time offset of its frames, when that is estimated."""
     still: bool = False
@@ -92,7 +92,7 @@ class Interval:
 
     @property
     def is_known(self) -> bool:
-        """Whether there is no doubt in it."""
+        """Whether the IMU was reliable all the time."""
         return self.known == len(self.stamps)
 
     @property
@@ -101,11 +101,11 @@ class Interval:
         return 0.0 if self.link is None else self.link.shift
 
     def poses(self) -> list[gtsam.Pose3]:
-        """world_T_body of its frames, computed anew when the knot's state is replaced."""
-        placed, knot = self._placed, self.knot
-        if placed is None or placed[0] is not knot.state:
-            poses = self.motion.poses(knot.state, knot.bias, time_shift=self.time_shift)
-            placed = self._placed = knot.state, poses
+        """world_T_body of its frames, computed anew when the node's state is replaced."""
+        placed, node = self._placed, self.node
+        if placed is None or placed[0] is not node.state:
+            poses = self.motion.poses(node.state, node.bias, time_shift=self.time_shift)
+            placed = self._placed = node.state, poses
         return placed[1]
 
     def cameras(self, body_T_cam: gtsam.Pose3) -> list[gtsam.Pose3]:
@@ -117,8 +117,8 @@ class Interval:
 
     def state(self, delta: FloatArray) -> State:
         """What the factor of a line at `delta` depends on."""
-        pose, velocity = self.knot.state.pose().matrix(), self.knot.state.velocity()
-        bias = self.knot.bias.vector()
+        pose, velocity = self.node.state.pose().matrix(), self.node.state.velocity()
+        bias = self.node.bias.vector()
         return State(pose, velocity, bias, _GRAVITY, delta, self.time_shift)
 
     def seen(self, sightings: Sequence[Sighting]) -> tuple[list[int], list[Sighting]]:
@@ -133,26 +133,26 @@ class Interval:
         return [places[sighting.stamp] for sighting in hits], hits
 
 
-def insert_state(values: gtsam.Values, knot: Knot) -> None:
-    """A knot's variables: X, V and B of its index."""
-    values.insert(X(knot.index), knot.state.pose())
-    values.insert(V(knot.index), knot.state.velocity())
-    values.insert(B(knot.index), knot.bias)
+def insert_state(values: gtsam.Values, node: StateNode) -> None:
+    """A state's variables: X, V and B of its index."""
+    values.insert(X(node.index), node.state.pose())
+    values.insert(V(node.index), node.state.velocity())
+    values.insert(B(node.index), node.bias)
 
 
-def add_priors(factors: gtsam.NonlinearFactorGraph, knot: Knot) -> None:
+def add_priors(factors: gtsam.NonlinearFactorGraph, node: StateNode) -> None:
     """Priors of a first state, whose pose, velocity and bias are independent."""
-    pose, velocity, bias = (noiseModel.Gaussian.Covariance(c) for c in knot.covariances)
-    factors.addPriorPose3(X(knot.index), knot.state.pose(), pose)
-    factors.addPriorVector(V(knot.index), knot.state.velocity(), velocity)
-    factors.addPriorConstantBias(B(knot.index), knot.bias, bias)
+    pose, velocity, bias = (noiseModel.Gaussian.Covariance(c) for c in node.covariances)
+    factors.addPriorPose3(X(node.index), node.state.pose(), pose)
+    factors.addPriorVector(V(node.index), node.state.velocity(), velocity)
+    factors.addPriorConstantBias(B(node.index), node.bias, bias)
 
 
-def joint_prior(knot: Knot) -> gtsam.NonlinearFactor:
+def joint_prior(node: StateNode) -> gtsam.NonlinearFactor:
     """What is known of a state: pose, velocity and bias with their joint covariance."""
-    keys, values = (X(knot.index), V(knot.index), B(knot.index)), gtsam.Values()
-    insert_state(values, knot)
-    root = np.linalg.cholesky(np.linalg.inv(knot.covariance)).T
+    keys, values = (X(node.index), V(node.index), B(node.index)), gtsam.Values()
+    insert_state(values, node)
+    root = np.linalg.cholesky(np.linalg.inv(node.covariance)).T
     blocks = [np.asfortranarray(root[:, part]) for part in (slice(6), slice(6, 9), slice(9, 15))]
     (x, v, b), (A, C, D) = keys, blocks
     factor = gtsam.JacobianFactor(x, A, v, C, b, D, np.zeros(15), _UNIT)

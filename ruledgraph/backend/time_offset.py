@@ -3,7 +3,7 @@
 """The time offset between camera and IMU, estimated in the window.
 
 The times of frames are computed with the calibration's offset and a correction, what is known so
-far. The variable T(k) is what is still missing, s: how much later the frames after knot k were
+far. The variable T(k) is what is still missing, s: how much later the frames after state k were
 taken. It stays near zero, where the line factors, of first order in it, are exact; a long-lived
 variable would not, as the smoother does not linearise one anew whose neighbours have left the
 window. Corrections differ from interval to interval, the offset hardly does:
@@ -26,9 +26,9 @@ class OffsetLink:
     """The offset of the frames of one interval."""
 
     index: int
-    """k, of its knot."""
+    """k, of its state."""
     time: float
-    """Of that knot, s."""
+    """Of that state, s."""
     correction: float
     """What the times of its frames were computed with, beyond the calibration, s."""
     shift: float
@@ -51,7 +51,7 @@ class OffsetLink:
         noise = noiseModel.Isotropic.Sigma(1, self.sigma)
         return gtsam.PriorFactorDouble(self.key, self.shift, noise)
 
-    def tie(self, before: "OffsetLink", random_walk: float) -> gtsam.NonlinearFactor:
+    def random_walk_factor(self, before: "OffsetLink", random_walk: float) -> gtsam.NonlinearFactor:
         """See the head of this file; `random_walk` in s/sqrt(s)."""
         noise = noiseModel.Isotropic.Sigma(1, random_walk * float(np.sqrt(self.time - before.time)))
         change = before.correction - self.correction

@@ -67,7 +67,7 @@ class WindowConfig(Section):
     """... as does a velocity that departs by more."""
     relinearize: float = number(1e-3, "", 0.0, 1.0)
     """Estimates that move by less (rad, m, m/s, ...) are not linearised anew."""
-    careful_updates: int = number(20, "", 1, 10_000)
+    dogleg_updates: int = number(20, "", 1, 10_000)
     """Updates by Dogleg steps with QR after trouble, before the fast solver gets another try."""
 
 
@@ -228,7 +228,7 @@ class ImuConfig(Section):
     max_hole: float = number(0.12, "s", 1e-3, 10.0)
     """After a longer hole lines are no longer where they are expected."""
     unsure_time: float = number(1.0, "s", 0.0, 60.0)
-    """How long after such a hole or a clipped reading estimates are called doubtful."""
+    """How long after such a hole or a clipped reading estimates are called degraded."""
     hole_rate_sigma: float = number(0.5, "rad/s", 0.0, 100.0)
     """Standard deviation of the rate within a long hole from the line between its ends."""
     hole_force_sigma: float = number(1.5, "m/s^2", 0.0, 1e3)

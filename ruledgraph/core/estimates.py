@@ -21,7 +21,7 @@ def blocks(covariance: FloatArray) -> Covariances:
     return covariance[:6, :6], covariance[6:9, 6:9], covariance[9:, 9:]
 
 
-Status = Literal["tracking", "still", "dead reckoning", "doubtful"]
+Status = Literal["tracking", "still", "dead reckoning", "degraded"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +43,12 @@ class Estimate:
     lines: int
     """Lines of the graph that were seen in the frame."""
     status: Status
-    at_knot: bool
-    """Whether the frame is a knot's, optimised with all before it, or predicted from one."""
+    at_node: bool
+    """Whether the frame is a state's, optimised with all before it, or predicted from one."""
     segment: int = 0
     """Counts from 0; between two of them there is a gap or a failure."""
     time_offset: TimeOffset = NO_OFFSET
-    """t_imu - t_cam, s, as of the last knot; without deviation where it is not estimated."""
+    """t_imu - t_cam, s, as of the last state; without deviation where it is not estimated."""
 
     @property
     def time(self) -> float:

@@ -26,7 +26,7 @@ STATUS_COLORS = {
     "tracking": "#2563c9",
     "still": "#8a95a8",
     "dead reckoning": "#e07b00",
-    "doubtful": "#c2185b",
+    "degraded": "#c2185b",
 }
 """Of the status of an estimate."""
 MISSING = "#f3c6c6"

@@ -101,9 +101,9 @@ class Trajectory:
 
         # Differences fit float64 exactly for 104 days.
         at = (wanted - self.stamps[0]).astype(np.float64)
-        knots = (self.stamps - self.stamps[0]).astype(np.float64)
-        rotations = Slerp(knots, Rotation.from_quat(self.quaternions))(at)
-        positions = [np.interp(at, knots, axis) for axis in self.positions.T]
+        nodes = (self.stamps - self.stamps[0]).astype(np.float64)
+        rotations = Slerp(nodes, Rotation.from_quat(self.quaternions))(at)
+        positions = [np.interp(at, nodes, axis) for axis in self.positions.T]
         return Trajectory(wanted, np.stack(positions, axis=1), rotations.as_quat())
 
     def write_tum(self, path: str | Path) -> None:

@@ -173,8 +173,8 @@ class Tracker:
         """Of tracks that have come to follow the same line forget all but the oldest."""
         tracks = sorted(self.tracks, key=lambda track: track.born)
         segments = _segments(tracks)
-        twins = self._twins(*segments, *segments)
-        self.tracks = [tracks[i] for i in _first_of_twins(twins)]
+        duplicates = self._duplicates(*segments, *segments)
+        self.tracks = [tracks[i] for i in _first_of_duplicates(duplicates)]
 
     def image_motion(self, since: int, min_lines: int = 1) -> float:
         """Median distance that lines moved across themselves since a frame, px; inf if fewer than
@@ -204,12 +204,12 @@ class Tracker:
             & (edges.support >= self._config.start_support)
         )
         edges = edges.part(full)
-        twins = self._twins(edges.ends, edges.slopes, *_segments(self.tracks))
-        edges = edges.part(~np.any(twins, axis=1))
+        duplicates = self._duplicates(edges.ends, edges.slopes, *_segments(self.tracks))
+        edges = edges.part(~np.any(duplicates, axis=1))
         # Two candidates may be one line as well.
-        twins = self._twins(edges.ends, edges.slopes, edges.ends, edges.slopes)
-        kept = np.zeros(len(twins), dtype=bool)
-        kept[_first_of_twins(twins)[:wanted]] = True
+        duplicates = self._duplicates(edges.ends, edges.slopes, edges.ends, edges.slopes)
+        kept = np.zeros(len(duplicates), dtype=bool)
+        kept[_first_of_duplicates(duplicates)[:wanted]] = True
         edges = edges.part(kept)
         started = []
         for ends, slope in zip(edges.ends, edges.slopes.tolist(), strict=True):
@@ -233,7 +233,7 @@ class Tracker:
         across = np.stack([-along[:, 1], along[:, 0]], axis=1) / lengths[:, None]
         stations = segments[:, :1] + np.linspace(0.1, 0.9, 15)[:, None] * along[:, None]
         slopes = np.median(gradient.along(stations, across[:, None]), axis=1).astype(np.float64)
-        new = ~np.any(self._twins(ends, slopes, *_segments(self.tracks)), axis=1)
+        new = ~np.any(self._duplicates(ends, slopes, *_segments(self.tracks)), axis=1)
         order = np.argsort(-lengths / self._crowding(segments))
         return Rulings(ends, np.ones((len(ends), 2)), slopes).part(order[new[order]])
 
@@ -249,7 +249,7 @@ class Tracker:
         near = np.exp(-((near / self._config.crowding_radius) ** 2))
         return np.asarray(1.0 + self._config.crowding_weight * np.sum(near, axis=1))
 
-    def _twins(
+    def _duplicates(
         self,
         ends: FloatArray,
         slopes: FloatArray,
@@ -277,11 +277,11 @@ class Tracker:
         return self._camera.distort(ends.reshape(-1, 2)).pixels.reshape(-1, 2, 2)
 
 
-def _first_of_twins(twins: NDArray[np.bool_]) -> list[int]:
-    """Which lines to keep so that no two of them are twins, (N, N), an earlier one rather."""
+def _first_of_duplicates(duplicates: NDArray[np.bool_]) -> list[int]:
+    """Which lines to keep so that no two of them are duplicates, (N, N), an earlier one rather."""
     keep: list[int] = []
-    for i in range(len(twins)):
-        if not twins[i, keep].any():
+    for i in range(len(duplicates)):
+        if not duplicates[i, keep].any():
             keep.append(i)
     return keep
 

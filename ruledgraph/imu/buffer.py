@@ -12,7 +12,7 @@ import numpy as np
 from ruledgraph.calibration.sensors import ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import DEFAULTS, ImuConfig
-from ruledgraph.imu.faults import Doubt, RangeWatch
+from ruledgraph.imu.faults import RangeWatch, UnreliableInterval
 from ruledgraph_factors import ImuSamples
 
 
@@ -28,7 +28,7 @@ class ImuBuffer:
         self._times: list[float] = []
         self._values: list[FloatArray] = []
         self._repeats: list[float] = []
-        self._holes: deque[Doubt] = deque()
+        self._holes: deque[UnreliableInterval] = deque()
         self._range = RangeWatch(config)
         self.range_news = ""
         """What was found of the sensors' range with the last sample."""
@@ -77,25 +77,32 @@ class ImuBuffer:
         values = np.array(self._values[part])
         return ImuSamples(self._times[part], values[:, :3], values[:, 3:])
 
-    def doubts(self, start: float, stop: float) -> list[Doubt]:
+    def unreliable(self, start: float, stop: float) -> list[UnreliableInterval]:
         """Where in (start, stop) samples are too far apart, or at the end of the range."""
         return [
-            doubt
-            for doubt in (*self._holes, *self._range.doubts)
-            if doubt.stop > start and doubt.start < stop
+            interval
+            for interval in (*self._holes, *self._range.unreliable)
+            if interval.stop > start and interval.start < stop
         ]
 
     def is_lost(self, time: float) -> bool:
         """Whether it is so long since the last sample that lines are no longer where expected."""
         longest = self._config.max_hole
         return any(
-            _is_hole(doubt) and time - doubt.start > longest for doubt in self.doubts(time, time)
+            _is_hole(interval) and time - interval.start > longest
+            for interval in self.unreliable(time, time)
         )
 
     def is_unsure(self, time: float) -> bool:
         """Whether lines may have been lost, or readings were clipped, not long before."""
-        recent, longest = self.doubts(time - self._config.unsure_time, time), self._config.max_hole
-        return any(not _is_hole(doubt) or doubt.stop - doubt.start > longest for doubt in recent)
+        recent, longest = (
+            self.unreliable(time - self._config.unsure_time, time),
+            self._config.max_hole,
+        )
+        return any(
+            not _is_hole(interval) or interval.stop - interval.start > longest
+            for interval in recent
+        )
 
     def _part(self, start: float, stop: float) -> slice:
         first = max(bisect.bisect_right(self._times, start) - 1, 0)
@@ -118,29 +125,29 @@ class ImuBuffer:
         self._range.forget(np.inf)
 
 
-def _hole(start: float, stop: float, config: ImuConfig) -> Doubt:
+def _hole(start: float, stop: float, config: ImuConfig) -> UnreliableInterval:
     shorter = min((stop - start) / config.long_hole, 1.0) ** 2
     sigmas = np.repeat([config.hole_rate_sigma, config.hole_force_sigma], 3)
-    return Doubt(start, stop, shorter * sigmas)
+    return UnreliableInterval(start, stop, shorter * sigmas)
 
 
-def _is_hole(doubt: Doubt) -> bool:
-    return bool(np.all(doubt.open > 0.0))
+def _is_hole(interval: UnreliableInterval) -> bool:
+    return bool(np.all(interval.open > 0.0))
 
 
 def params_across(
-    noise: ImuNoise, doubts: Sequence[Doubt], start: float, stop: float
+    noise: ImuNoise, unreliable: Sequence[UnreliableInterval], start: float, stop: float
 ) -> gtsam.PreintegrationCombinedParams:
-    """The noise of what is integrated from start to stop across doubtful stretches.
+    """The noise of what is integrated from start to stop across degraded stretches.
 
     What a stretch leaves open does not change much within it: as white noise that leaves the same
     at its end it has a density that grows with the root of its length.
     """
     variance = np.zeros(6)
-    for doubt in doubts:
-        length = doubt.stop - doubt.start
-        inside = min(doubt.stop, stop) - max(doubt.start, start)
-        variance += doubt.open**2 * length * inside / (stop - start)
+    for interval in unreliable:
+        length = interval.stop - interval.start
+        inside = min(interval.stop, stop) - max(interval.start, start)
+        variance += interval.open**2 * length * inside / (stop - start)
     params = noise.preintegration_params()
     params.setGyroscopeCovariance(np.diag(noise.gyroscope**2 + variance[:3]))
     params.setAccelerometerCovariance(np.diag(noise.accelerometer**2 + variance[3:]))

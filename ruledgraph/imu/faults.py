@@ -89,7 +89,7 @@ class SpikeFilter:
         return reading
 
 
-class Doubt(NamedTuple):
+class UnreliableInterval(NamedTuple):
     """A stretch of time, s, in which the IMU says less than its noise figures."""
 
     start: float
@@ -103,7 +103,7 @@ class RangeWatch:
 
     def __init__(self, config: ImuConfig = DEFAULTS.imu) -> None:
         self._config = config
-        self.doubts: list[Doubt] = []
+        self.unreliable: list[UnreliableInterval] = []
         """Stretches with clipped readings, in order."""
         # All by axes and directions, (12,): upwards, then downwards.
         self._farthest = np.full(12, -np.inf)
@@ -161,14 +161,14 @@ class RangeWatch:
     def _mark(self, i: int, start: float, stop: float) -> None:
         opened = np.zeros(6)
         opened[i % 6] = self._config.range_open_share * abs(self._farthest[i])
-        while self.doubts and self.doubts[-1].stop >= start - self._config.range_join_time:
-            last = self.doubts.pop()
+        while self.unreliable and self.unreliable[-1].stop >= start - self._config.range_join_time:
+            last = self.unreliable.pop()
             start, opened = min(start, last.start), np.maximum(opened, last.open)
-        self.doubts.append(Doubt(start, stop, opened))
+        self.unreliable.append(UnreliableInterval(start, stop, opened))
 
     def forget(self, before: float) -> None:
         """Drop stretches that ended before a time."""
-        self.doubts = [doubt for doubt in self.doubts if doubt.stop >= before]
+        self.unreliable = [interval for interval in self.unreliable if interval.stop >= before]
 
 
 def _described(i: int, end: float) -> str:

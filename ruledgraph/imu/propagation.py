@@ -56,9 +56,9 @@ def propagated_covariances(
     covariances = F @ node.covariance @ F.transpose(0, 2, 1)
     until = node.time + float(motion.elapsed[-1])
     params = noise.preintegration_params()
-    doubts = imu.doubts(node.time, until)
-    if doubts:
-        params = params_across(noise, doubts, node.time, until)
+    unreliable = imu.unreliable(node.time, until)
+    if unreliable:
+        params = params_across(noise, unreliable, node.time, until)
     return covariances + _noise(params, R, predicted.rotation, motion.elapsed)
 
 

@@ -72,7 +72,7 @@ class Synchronizer:
             )
         if self.imu.range_news:
             self._warnings.append(
-                f"{self.imu.range_news}, as found at {time:.2f} s: what it reads there is doubted; "
+                f"{self.imu.range_news}, as found at {time:.2f} s: what it reads there is flagged; "
                 "set a larger range"
             )
         if hung > self._config.max_sample_interval:

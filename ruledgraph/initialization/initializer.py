@@ -98,7 +98,7 @@ class Initializer:
             return None
         length = min(longest, available) if self._takes_longest else shortest
         self._takes_longest = not self._takes_longest
-        if imu.doubts(now.time - length, now.time):
+        if imu.unreliable(now.time - length, now.time):
             return None
         self._last_attempt = now.time
         used = frames.since(now.time - length)

@@ -20,11 +20,11 @@ class Trial:
 
     def passed(self, window: Window) -> bool:
         """Whether it is over and went well; look at `trouble` first."""
-        knot = window.newest
+        node = window.newest
         self._entered |= self._numbers & window.lines.keys()
         gone = len(self._entered - window.lines.keys())
         if gone > (1.0 - self._config.trial_min_stay) * len(self._numbers):
             self.trouble = f"{gone} of its {len(self._numbers)} lines did not fit for long"
-        elif not knot.keeps(self._config, self._config.trial_share):
+        elif not node.keeps(self._config, self._config.trial_share):
             self.trouble = "its velocity or biases are implausible"
-        return not self.trouble and knot.time >= self._until
+        return not self.trouble and node.time >= self._until

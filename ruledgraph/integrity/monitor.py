@@ -17,7 +17,7 @@ import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
 from ruledgraph.backend.sliding_window import Window
-from ruledgraph.backend.states import Interval, Knot
+from ruledgraph.backend.states import Interval, StateNode
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config, IntegrityConfig
 from ruledgraph.core.estimates import Covariances
@@ -32,7 +32,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 class IntegrityMonitor:
-    """Judges a segment knot by knot.
+    """Judges a segment state by state.
 
     Args:
         drift: what is open of the segment's place and heading from the beginning.
@@ -78,7 +78,7 @@ class IntegrityMonitor:
         return since is not None and self._time - since >= self._config.parallel_time
 
     def update(self, window: Window, still: bool) -> None:
-        """Take in the newest knot, optimised, and whether the body has been at rest until then."""
+        """Take in the newest state, optimised, and whether the body has been at rest until then."""
         elapsed, self._time = window.newest.time - self._time, window.newest.time
         excess = max(1.0, self._compare_with_imu(window), self._compare_with_lines(window, still))
         self._inflate(window.newest, excess, elapsed)
@@ -140,16 +140,16 @@ class IntegrityMonitor:
         self._fit = min(max(excess, limits.min_covariance_share), 1.0)
         return excess if misfit is None else max(excess, (misfit / limits.usual_misfit) ** 2)
 
-    def _inflate(self, knot: Knot, excess: float, elapsed: float) -> None:
+    def _inflate(self, node: StateNode, excess: float, elapsed: float) -> None:
         disagreed, self.disagree = self.disagree, self._contradiction or self.misfits
-        place = _of_place(knot)
+        place = _of_place(node)
         if disagreed and not self.disagree:
             # What went wrong meanwhile stays.
-            up = knot.state.attitude().matrix().T @ _UP
+            up = node.state.attitude().matrix().T @ _UP
             self._drift = self._drift.grown(
                 _enclosing(self._open_place, (self._excess - 1.0) * place),
-                (self._excess - 1.0) * float(up @ knot.covariances[0][:3, :3] @ up),
-                knot.state.position(),
+                (self._excess - 1.0) * float(up @ node.covariances[0][:3, :3] @ up),
+                node.state.position(),
             )
             self._excess, self._open_place = 1.0, np.zeros((3, 3))
         fading = 1.0 if self.disagree else float(np.exp(-elapsed / self._config.fade_time))
@@ -222,10 +222,10 @@ def imu_error(window: Window, config: IntegrityConfig) -> float | None:
         return None
     values = gtsam.Values()
     for interval in intervals:
-        knot = interval.knot
-        values.insert(X(knot.index), knot.state.pose())
-        values.insert(V(knot.index), knot.state.velocity())
-        values.insert(B(knot.index), knot.bias)
+        node = interval.node
+        values.insert(X(node.index), node.state.pose())
+        values.insert(V(node.index), node.state.velocity())
+        values.insert(B(node.index), node.bias)
     errors = [interval.imu_factors[0].error(values) for interval in intervals[:-1]]
     return 2.0 * float(np.mean(errors))
 
@@ -252,10 +252,10 @@ def line_scale(window: Window, config: IntegrityConfig) -> float | None:
     return float(np.median(np.abs(offsets))) / _MEDIAN
 
 
-def _of_place(knot: Knot) -> FloatArray:
+def _of_place(node: StateNode) -> FloatArray:
     """Covariance of the body's place in the world, as the window gives it."""
-    R = knot.state.attitude().matrix()
-    return np.asarray(R @ knot.covariances[0][3:, 3:] @ R.T)
+    R = node.state.attitude().matrix()
+    return np.asarray(R @ node.covariances[0][3:, 3:] @ R.T)
 
 
 def _enclosing(one: FloatArray, other: FloatArray) -> FloatArray:
@@ -267,7 +267,7 @@ def _enclosing(one: FloatArray, other: FloatArray) -> FloatArray:
 def _last(
     intervals: Sequence[Interval], window: Window, config: IntegrityConfig
 ) -> Sequence[Interval]:
-    recent = sum(i.knot.time >= window.newest.time - config.span for i in intervals)
+    recent = sum(i.node.time >= window.newest.time - config.span for i in intervals)
     return intervals[-max(recent, config.min_intervals) :]
 
 

@@ -71,20 +71,20 @@ class EstimateReporter:
         covariance: FloatArray,
         status: Status,
         lines: int,
-        at_knot: bool,
+        at_node: bool,
         time_offset: TimeOffset,
     ) -> Estimate:
         """The estimate of the latest frame, whose state has this covariance, (15, 15)."""
-        knot, pose, velocity = window.newest, state.pose(), state.velocity()
+        node, pose, velocity = window.newest, state.pose(), state.velocity()
         estimate = Estimate(
             stamp=frame.stamp,
             world_T_body=pose,
             velocity=velocity,
-            bias=knot.bias,
+            bias=node.bias,
             covariances=self._monitor.covariances(blocks(covariance), pose, velocity),
             lines=lines,
             status=status,
-            at_knot=at_knot,
+            at_node=at_node,
             segment=self._segment,
             time_offset=time_offset,
         )
@@ -102,24 +102,24 @@ class EstimateReporter:
     def _of_interval(
         self, window: Window, interval: Interval, time_offset: TimeOffset
     ) -> Iterable[Estimate]:
-        knot = interval.knot
-        otherwise: Status = "doubtful" if self._monitor.disagree else "tracking"
-        covariances = propagated_covariances(knot, interval.motion, self._imu, self._noise)
+        node = interval.node
+        otherwise: Status = "degraded" if self._monitor.disagree else "tracking"
+        covariances = propagated_covariances(node, interval.motion, self._imu, self._noise)
         frames = list(zip(interval.stamps, interval.poses(), covariances, strict=True))
         frames = frames[interval.again :]
-        if knot.index == 0:
-            frames = [(window.first_stamp, knot.state.pose(), knot.covariance), *frames]
+        if node.index == 0:
+            frames = [(window.first_stamp, node.state.pose(), node.covariance), *frames]
         for stamp, pose, covariance in frames:
-            live, velocity = self._live_by_stamp.pop(stamp, None), knot.state.velocity()
+            live, velocity = self._live_by_stamp.pop(stamp, None), node.state.velocity()
             yield Estimate(
                 stamp=stamp,
                 world_T_body=pose,
                 velocity=velocity,
-                bias=knot.bias,
+                bias=node.bias,
                 covariances=self._monitor.covariances(blocks(covariance), pose, velocity),
                 lines=live.lines if live else 0,
                 status=live.status if live else otherwise,
-                at_knot=stamp == interval.stamps[-1],
+                at_node=stamp == interval.stamps[-1],
                 segment=self._segment,
                 time_offset=live.time_offset if live else time_offset,
             )

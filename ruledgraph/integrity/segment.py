@@ -137,10 +137,10 @@ class TrajectorySegment:
         return {id_: line.prediction() for id_, line in self.window.lines.items()}
 
     def _is_blind(self, time: float) -> bool:
-        """Whether the IMU's prediction crosses a doubt that no line has bridged yet."""
+        """Whether the IMU was unreliable since lines were last placed."""
         intervals = self.window.intervals
         guessed = bool(intervals) and not intervals[-1].is_known
-        return guessed or bool(self._stages.sensors.imu.doubts(self.window.newest.time, time))
+        return guessed or bool(self._stages.sensors.imu.unreliable(self.window.newest.time, time))
 
     # -- afterwards ------------------------------------------------------------------------------
 
@@ -214,7 +214,7 @@ class TrajectorySegment:
             self._last_lines = time
         unsure = self._stages.sensors.imu.is_unsure(time)
         if unsure or self.monitor.disagree or self._is_blind(time):
-            return "doubtful"
+            return "degraded"
         if self._still:
             return "still"
         missing = time - self._last_lines > limits.lines_missing_time

@@ -109,7 +109,7 @@ class ChunkedFile(ABC):
         some converters do, comes out beside it.
         """
         wanted = {i for i, c in self.connections.items() if c.topic in topics}
-        tie = itertools.count()
+        random_walk_factor = itertools.count()
         queue: list[tuple[int, int, RawMessage]] = []
         with self.path.open("rb") as file:
             for block in sorted(self.blocks, key=lambda block: block.start):
@@ -120,7 +120,7 @@ class ChunkedFile(ABC):
                 for received, number, data in self._read(file, block):
                     if number in wanted:
                         message = RawMessage(received, self.connections[number].topic, data)
-                        heapq.heappush(queue, (received, next(tie), message))
+                        heapq.heappush(queue, (received, next(random_walk_factor), message))
         while queue:
             yield heapq.heappop(queue)[2]
 

@@ -76,7 +76,7 @@ class RerunLog(Closing):
         self._calibration = calibration
         self._stream = self._begin()
         self._first: int | None = None
-        self._now, self._knot = 0, -np.inf
+        self._now, self._node = 0, -np.inf
         self._views = ViewQueue()
         self._last: dict[str, FloatArray] = {}
         self._status = ""
@@ -97,7 +97,7 @@ class RerunLog(Closing):
             pose = estimate.world_T_body
             self._log("world/body", _transform(rr, pose))
             self._path_piece("world/live", pose.translation(), _LIVE)
-            if estimate.at_knot:
+            if estimate.at_node:
                 self._states(estimate)
             if estimate.status != self._status:
                 self._status = estimate.status
@@ -129,8 +129,8 @@ class RerunLog(Closing):
             for text in texts[self._told[name] :]:
                 self._log("messages", rr.TextLog(text, level="WARN"))
             self._told[name] = len(texts)
-        if window is not None and window.newest.time != self._knot:
-            self._knot = window.newest.time
+        if window is not None and window.newest.time != self._node:
+            self._node = window.newest.time
             outliers = odometry.config.lines.extent_outliers
             known = [line.estimate(outliers) for line in window.lines.values()]
             drawn = [x for x in known if x is not None and _sigma(x) < _UNCERTAIN]

@@ -14,7 +14,7 @@ from random_factors import FORMS, POINTS, Case, random_case
 from ruledgraph_factors import GeometricPoints, RuledSurfaceFactor
 
 SOURCE = CPP / "factor_test.cpp"
-KINDS = ("knot", "knot_time_offset", "knot_gravity_direction", "knot_gravity_vector", "pose")
+KINDS = ("node", "node_time_offset", "node_gravity_direction", "node_gravity_vector", "pose")
 IN_CPP = [form for form in FORMS if form in KINDS]
 BOUND = 1e-12
 
@@ -45,11 +45,11 @@ def numbers(case: Case, factor: RuledSurfaceFactor) -> list[object]:
     data += [spec.gravity]
     data += [values.atPose3(X(0)), values.atVector(V(0)), values.atConstantBias(B(0)).vector()]
     data += [values.atVector(L(0))]
-    if spec.form == "knot_time_offset":
+    if spec.form == "node_time_offset":
         data += [values.atDouble(T(0))]
-    elif spec.form == "knot_gravity_direction":
+    elif spec.form == "node_gravity_direction":
         data += [values.atUnit3(G(0)).unitVector()]
-    elif spec.form == "knot_gravity_vector":
+    elif spec.form == "node_gravity_vector":
         data += [values.atVector(G(1))]
     return data
 

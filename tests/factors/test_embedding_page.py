@@ -29,4 +29,4 @@ def test_readme_runs_on_the_measurements_of_the_embedding_page() -> None:
     blocks = [block for block in python_blocks("README.md") if "rf." in block]
     assert blocks
     graph = run([measurements, *blocks], "README.md")["graph"]
-    assert graph.size() == 5  # three priors on the knot, the line's factor and its prior
+    assert graph.size() == 5  # three priors on the state, the line's factor and its prior

@@ -56,8 +56,8 @@ def test_compressed_error_equals_the_sum_over_points(form: str, count: int) -> N
         case = random_case(seed, frames=3, points=count)
         factor = case.factor(form, GeometricPoints, sigma=0.01)
         gravity = {
-            "knot_gravity_direction": 9.81 * case.values.atUnit3(G(0)).unitVector(),
-            "knot_gravity_vector": case.values.atVector(G(1)),
+            "node_gravity_direction": 9.81 * case.values.atUnit3(G(0)).unitVector(),
+            "node_gravity_vector": case.values.atVector(G(1)),
         }.get(form, np.array(STANDARD_GRAVITY))
         motion = FrameMotion.at_rest() if form.startswith("pose") else case.motion
         pose = case.values.atPose3(X(0))
@@ -67,7 +67,7 @@ def test_compressed_error_equals_the_sum_over_points(form: str, count: int) -> N
             case.values.atVector(V(0)),
             case.values.atConstantBias(B(0)).vector(),
             gravity,
-            time_shift=case.values.atDouble(T(0)) if form == "knot_time_offset" else 0.0,
+            time_shift=case.values.atDouble(T(0)) if form == "node_time_offset" else 0.0,
         )
         total = 0.0
         ends, _ = case.chart.end_points(case.values.atVector(L(0)), [-0.5, 0.5])
@@ -280,7 +280,7 @@ def test_nan_values_give_a_nan_error_never_a_small_one() -> None:
 
 def test_vectors_of_the_wrong_size_are_named() -> None:
     case = random_case(0)
-    factor = case.factor("knot")
+    factor = case.factor("node")
     values = gtsam.Values(case.values)
     values.erase(L(0))
     values.insert(L(0), np.zeros(5))
@@ -305,8 +305,8 @@ def test_robust_noise_models_weigh_the_factor() -> None:
 def test_factor_outlives_its_python_object_in_a_graph() -> None:
     case = random_case(0)
     graph = gtsam.NonlinearFactorGraph()
-    graph.add(case.factor("knot"))
-    expected = case.factor("knot").error(case.values)
+    graph.add(case.factor("node"))
+    expected = case.factor("node").error(case.values)
     gc.collect()
     assert graph.error(case.values) == expected
     assert graph.linearize(case.values).size() == 1
@@ -314,7 +314,7 @@ def test_factor_outlives_its_python_object_in_a_graph() -> None:
 
 def test_factor_can_be_cloned_and_copied_but_gtsam_cannot_rekey_it() -> None:
     case = random_case(0)
-    factor = case.factor("knot")
+    factor = case.factor("node")
     for twin in (factor.clone(), copy.copy(factor), copy.deepcopy(factor)):
         assert twin is not factor
         assert twin.error(case.values) == factor.error(case.values)

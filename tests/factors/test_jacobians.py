@@ -60,7 +60,7 @@ def test_random_configurations_by_numpy(form: str, kind, monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("kind", POINTS)
-@pytest.mark.parametrize("form", ["knot", "pose"])
+@pytest.mark.parametrize("form", ["node", "pose"])
 @pytest.mark.parametrize("distance", [0.05, 1e3, 1e6])
 def test_very_near_and_very_far_lines(form: str, kind, distance: float) -> None:
     def cases() -> Iterator[Case]:
@@ -88,7 +88,7 @@ def test_line_at_infinity(kind) -> None:
             case.values.update(L(0), np.array([1e-3 * individual, 0.0, 0.0, 0.0]))
             yield case
 
-    check_all(cases(), "knot", kind, (1e-4, 1e-5, 1e-6), least=40)
+    check_all(cases(), "node", kind, (1e-4, 1e-5, 1e-6), least=40)
 
 
 @pytest.mark.parametrize("slope", [1e-2, 1e-3, 1e-5])

@@ -93,7 +93,7 @@ def test_large_turns_agree(angle: float, kind, by_both: ByBoth) -> None:
             case.motion.elapsed, turned, case.motion.bias_jacobian, case.motion.bias
         )
         case.values.update(L(0), np.append(0.1, angle * axis))
-        assert_same(by_both(lambda c=case: c.factor("knot", kind)), case.values)
+        assert_same(by_both(lambda c=case: c.factor("node", kind)), case.values)
 
 
 @needs_native
@@ -145,7 +145,7 @@ def test_fits_of_lines_agree(kind, by_both: ByBoth) -> None:
     prior = np.array([1.0, 1.0, 1e-4, 1e-4])
     for seed in range(50):
         case = random_case(seed, frames=2 + seed % 5, points=2 + seed % 7)
-        spec = case.factor("knot", kind).spec
+        spec = case.factor("node", kind).spec
         pose, velocity = case.values.atPose3(X(0)).matrix(), case.values.atVector(V(0))
         state = State(pose, velocity, np.zeros(6), spec.gravity, np.zeros(4))
         starts = list(case.rng.normal(size=(5, 4)) * 0.2)
@@ -223,7 +223,7 @@ def test_nan_agrees(key: int, kind, by_both: ByBoth) -> None:
     bad = gtsam.Pose3(gtsam.Rot3(), np.full(3, np.nan))
     sizes = {V(0): 3, L(0): 4}
     case.values.update(key, bad if key == X(0) else np.full(sizes[key], np.nan))
-    native, numpy = by_both(lambda: case.factor("knot", kind).unwhitenedError(case.values))
+    native, numpy = by_both(lambda: case.factor("node", kind).unwhitenedError(case.values))
     np.testing.assert_array_equal(np.isnan(native), np.isnan(numpy))
     assert np.isnan(native).all()
 
@@ -276,7 +276,7 @@ def test_without_the_native_kernel_numpy_runs(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.delenv("RULEDGRAPH_KERNEL", raising=False)
     assert active_kernel() == "numpy"
     case = random_case(0)
-    assert np.isfinite(case.factor("knot", ReprojectionPoints).error(case.values))
+    assert np.isfinite(case.factor("node", ReprojectionPoints).error(case.values))
     monkeypatch.setenv("RULEDGRAPH_KERNEL", "native")
     with pytest.raises(FactorError, match="RULEDGRAPH_KERNEL is native, but that kernel was not"):
         active_kernel()

@@ -38,11 +38,11 @@ def state_of(motion: SplineMotion, time: float) -> tuple[gtsam.Pose3, np.ndarray
 
 
 def gtsam_predictions(
-    imu: ImuSamples, knot: float, frames: np.ndarray, state: gtsam.NavState, bias
+    imu: ImuSamples, node: float, frames: np.ndarray, state: gtsam.NavState, bias
 ) -> list[gtsam.NavState]:
     params = D435I_LIKE.preintegration_params()
     preintegrated = gtsam.PreintegratedCombinedMeasurements(params, BIAS)
-    result, start = [], knot
+    result, start = [], node
     for stop in frames:
         for segment in imu.segments(start, stop, bias=BIAS):
             preintegrated.integrateMeasurement(*segment)
@@ -57,15 +57,15 @@ def gtsam_predictions(
 def test_poses_agree_with_gtsam_predict(seed: int, rate: float, step: np.ndarray) -> None:
     motion = shaken_motion(seed)
     imu = simulate_imu(motion, rate, D435I_LIKE, np.random.default_rng(seed), BIAS.vector())
-    knot, frames = 0.4013, 0.4013 + np.arange(10) / 90.0
-    pose, velocity = state_of(motion, knot)
+    node, frames = 0.4013, 0.4013 + np.arange(10) / 90.0
+    pose, velocity = state_of(motion, node)
     bias = BIAS.vector() + step
-    predicted = preintegrate_frames(imu.samples, knot, frames, BIAS).predict(
+    predicted = preintegrate_frames(imu.samples, node, frames, BIAS).predict(
         pose.rotation().matrix(), pose.translation(), velocity, bias, GRAVITY
     )
     expected = gtsam_predictions(
         imu.samples,
-        knot,
+        node,
         frames,
         gtsam.NavState(pose, velocity),
         gtsam.imuBias.ConstantBias(bias[:3], bias[3:]),
@@ -251,7 +251,7 @@ def test_exact_motion_is_reproduced() -> None:
 
 
 @pytest.mark.parametrize(("turn", "accepted"), [(0.98 * np.pi, True), (1.02 * np.pi, False)])
-def test_more_than_half_a_turn_from_a_knot_is_refused(turn: float, accepted: bool) -> None:
+def test_more_than_half_a_turn_from_a_node_is_refused(turn: float, accepted: bool) -> None:
     times = np.linspace(0.0, 1.0, 401)
     imu = ImuSamples(times, np.tile([0.0, 0.0, turn], (401, 1)), np.zeros((401, 3)))
     if accepted:
@@ -327,8 +327,8 @@ def good_imu() -> ImuSamples:
         (lambda: preintegrate_frames(good_imu(), 0.05, [0.01]), r"frame_times\[0\] = .* before"),
         (lambda: preintegrate_frames(good_imu(), 0.05, [0.3]), "IMU samples cover 0.0.* to 0.2"),
         (lambda: preintegrate_frames(None, 0.05, [0.1]), "imu must be a ImuSamples"),
-        (lambda: preintegrate_frames(good_imu(), None, [0.1]), "knot_time"),
-        (lambda: preintegrate_frames(good_imu(), np.nan, [0.1]), "knot_time has a NaN"),
+        (lambda: preintegrate_frames(good_imu(), None, [0.1]), "node_time"),
+        (lambda: preintegrate_frames(good_imu(), np.nan, [0.1]), "node_time has a NaN"),
         (lambda: preintegrate_frames(good_imu(), 0.05, [0.1], np.zeros(6)), "bias must be a Const"),
         (lambda: list(good_imu().segments(np.nan, 0.1)), "start has a NaN"),
         (lambda: FrameMotion.at_rest().select([0.9]), "frames must be indices, not float64"),

@@ -59,7 +59,7 @@ def test_round_trips_rebuild_an_equal_factor(form: str, kind, tmp_path: Path) ->
 @pytest.mark.parametrize("index", range(7))
 def test_every_noise_model_survives(index: int) -> None:
     case = random_case(3)
-    spec = case.factor("knot").spec
+    spec = case.factor("node").spec
     model = noise_models(spec.points.rows)[index]
     factor = RuledSurfaceFactor(dataclasses.replace(spec, noise_model=model))
     rebuilt = RuledSurfaceFactor(RuledSurfaceSpec.from_dict(factor.spec.to_dict()))
@@ -84,7 +84,7 @@ def test_largest_key_survives_json() -> None:
 
 
 def plain_spec() -> dict:
-    return json.loads(json.dumps(random_case(3).factor("knot").spec.to_dict()))
+    return json.loads(json.dumps(random_case(3).factor("node").spec.to_dict()))
 
 
 def without(data: dict, *path: str) -> dict:
@@ -107,8 +107,8 @@ def changed(data: dict, name: str, value: object) -> dict:
         (lambda: without(plain_spec(), "keys"), "keys is missing from the spec"),
         (lambda: without(plain_spec(), "arrays", "basis"), "basis is missing from the spec"),
         (lambda: without(plain_spec(), "arrays", "statistics"), "points is missing"),
-        (lambda: changed(plain_spec(), "form", "cube"), "form must be one of knot, .*'cube'"),
-        (lambda: changed(plain_spec(), "keys", [1, 2]), "keys: the form 'knot' takes 4"),
+        (lambda: changed(plain_spec(), "form", "cube"), "form must be one of state, .*'cube'"),
+        (lambda: changed(plain_spec(), "keys", [1, 2]), "keys: the form 'state' takes 4"),
         (lambda: changed(plain_spec(), "noise", {"type": "X", "archive": ""}), "noise: unknown"),
         (
             lambda: changed(plain_spec(), "noise", {"type": "Unit", "archive": "nonsense"}),
@@ -134,7 +134,7 @@ def test_noise_model_in_python_cannot_be_stored() -> None:
         reweight=noiseModel.mEstimator.Base.ReweightScheme.Block,
         name="mine",
     )
-    spec = random_case(3).factor("knot").spec
+    spec = random_case(3).factor("node").spec
     model = noiseModel.Robust.Create(custom, noiseModel.Unit.Create(spec.points.rows))
     spec = dataclasses.replace(spec, noise_model=model)
     assert RuledSurfaceFactor(spec).dim() == spec.points.rows

@@ -30,7 +30,7 @@ def solved() -> list[dict[str, float]]:
         )
         values = optimize(problem)
         marginals = gtsam.Marginals(problem.graph, values)
-        last = problem.knots - 1
+        last = problem.nodes - 1
         keys = {"pose": X(last), "velocity": V(last), "pose in the middle": X(last // 2)}
         keys |= {"first bias": B(0), "bias": B(last)}
         keys |= {f"line {i}": L(i) for i in range(len(SEGMENTS))}
@@ -73,7 +73,7 @@ def test_mean_nees_is_within_its_95_percent_bounds(solved, kind: str, degrees: i
 @one_worker
 @pytest.mark.parametrize("kind", ["first bias", "bias"])
 def test_bias_is_overconfident_by_no_more_than_stated(solved, kind: str) -> None:
-    """Noise of the IMU between a knot and its frames is not in the factor: a fifth, not a half."""
+    """Noise of the IMU between a state and its frames is not in the factor: a fifth, not a half."""
     mean = sum(result[kind] for result in solved) / SEEDS
     assert 0.8 < mean / 6.0 < 1.35
 
@@ -138,8 +138,8 @@ def test_lines_and_imu_keep_exactly_four_gauge_freedoms() -> None:
         assert np.linalg.norm(residual) < 1e-4 * np.linalg.norm(gauge)
 
 
-def test_knots_are_counted_as_the_names_say() -> None:
+def test_nodes_are_counted_as_the_names_say() -> None:
     problem = smoothing_problem(np.random.default_rng(0))
-    assert problem.knots == 16
+    assert problem.nodes == 16
     assert problem.truth.exists(B(15))
     assert problem.graph.size() == 3 + 4 + 16 * 4 + 15

@@ -87,7 +87,7 @@ def resting_stream(seconds: float, drift: float = 0.0) -> list[Measurement]:
 
 
 def times_solved(monkeypatch) -> list[float]:
-    """Of the newest knot whenever a window is solved, from now on."""
+    """Of the newest state whenever a window is solved, from now on."""
     solved, optimize = [], Window.optimize
 
     def counted(window):
@@ -101,12 +101,12 @@ def times_solved(monkeypatch) -> list[float]:
 def test_a_long_rest_costs_little_and_moves_nothing(monkeypatch):
     solved = times_solved(monkeypatch)
     odometry, live, smoothed = run(resting_stream(6.0), small_stream()[1])
-    knots = [e for e in live if e.at_knot]
-    assert len(knots) > 25
-    # One knot in four is solved for, and the one at the end.
+    nodes = [e for e in live if e.at_node]
+    assert len(nodes) > 25
+    # One state in four is solved for, and the one at the end.
     assert np.diff(solved)[:-1] == pytest.approx(0.8, abs=0.05)
     assert len(solved) <= 8
-    assert {e.status for e in knots[1:]} == {"still"}
+    assert {e.status for e in nodes[1:]} == {"still"}
     assert live[-1].lines >= 4  # few are longer than 40 px
     for estimates in (live, smoothed):
         places = np.array([e.world_T_body.translation() for e in estimates])
@@ -119,17 +119,17 @@ def test_slow_motion_that_looks_like_rest_is_solved_as_often_as_it_moves(monkeyp
     solved = times_solved(monkeypatch)
     odometry, live, _ = run(resting_stream(6.0, drift=0.5), small_stream()[1])
     assert odometry.warnings == []
-    moving = [e for e in live if e.at_knot and e.status == "tracking"]
+    moving = [e for e in live if e.at_node and e.status == "tracking"]
     assert len(moving) >= 3
     assert np.median(np.diff(solved)) < 0.5
 
 
-def test_a_recording_that_ends_at_an_unsolved_knot_is_solved_to_its_end(monkeypatch):
+def test_a_recording_that_ends_at_an_unsolved_node_is_solved_to_its_end(monkeypatch):
     solved, odometry = times_solved(monkeypatch), Odometry(small_stream()[1])
     for measurement in resting_stream(3.0):
         odometry.add(measurement)
         live = odometry.take_live()
-        if solved and live and live[-1].at_knot and odometry.window.newest.time > solved[-1]:
+        if solved and live and live[-1].at_node and odometry.window.newest.time > solved[-1]:
             break
     end = odometry.window.newest.time
     assert odometry.window.solved < end
@@ -312,7 +312,7 @@ def test_memory_of_a_run_does_not_grow():
         odometry.take_live(), odometry.take_smoothed(), odometry.take_lines()
     assert odometry.window is not None
     kept = odometry.config.window.lag + 1.0
-    assert len(odometry.window.knots) < 10 * kept
+    assert len(odometry.window.nodes) < 10 * kept
     assert all(len(track.sightings) < 30 * kept for track in odometry.tracker.tracks)
 
 
@@ -406,7 +406,7 @@ def test_spikes_of_the_imu_are_replaced_and_counted():
     assert ate(live, small_simulation()) < 0.02  # as without
 
 
-def test_a_saturated_imu_is_told_and_doubted():
+def test_a_saturated_imu_is_told_and_flagged():
     stream, calibration = small_stream()
     clipped = [
         m._replace(gyroscope=np.clip(m.gyroscope, -0.2, 0.2)) if isinstance(m, ImuSample) else m
@@ -414,7 +414,7 @@ def test_a_saturated_imu_is_told_and_doubted():
     ]
     odometry, live, _ = run(clipped, calibration)
     assert any("the gyroscope's" in w and "ends at" in w for w in odometry.warnings)
-    assert sum(e.status == "doubtful" for e in live) > 0.2 * len(live)
+    assert sum(e.status == "degraded" for e in live) > 0.2 * len(live)
     assert ate(live, small_simulation()) < 0.1
 
 
@@ -479,17 +479,17 @@ def mirrored(measurements, after: float):
             yield measurement
 
 
-def test_lines_that_contradict_the_imu_are_told_and_doubted_or_given_up():
+def test_lines_that_contradict_the_imu_are_told_and_flagged_or_given_up():
     measurements, calibration = small_stream(seed=3)
     odometry, live = Odometry(calibration), []
     for measurement in mirrored(measurements, 2.5):
         odometry.add(measurement)
         live += odometry.take_live()
     assert any("of the lines do not fit the estimate" in warning for warning in odometry.warnings)
-    doubted = sum(e.status == "doubtful" for e in live) > 5
-    assert doubted or "a new segment begins" in odometry.warnings[-1]
+    flagged = sum(e.status == "degraded" for e in live) > 5
+    assert flagged or "a new segment begins" in odometry.warnings[-1]
     before = [e for e in live if e.stamp < frames(measurements)[0].stamp + 2.4e9]
-    assert all(e.status != "doubtful" for e in before)
+    assert all(e.status != "degraded" for e in before)
 
 
 def test_a_lost_estimate_ends_its_segment_where_it_was_last_believed():
@@ -504,7 +504,7 @@ def test_a_lost_estimate_ends_its_segment_where_it_was_last_believed():
             break
     assert "most lines do not fit the estimate" in odometry.warnings[-1]
     smoothed += odometry.take_smoothed()
-    assert smoothed[-1].status == "doubtful"
-    believed = [e for e in live if e.status != "doubtful"]
+    assert smoothed[-1].status == "degraded"
+    believed = [e for e in live if e.status != "degraded"]
     assert odometry.last_believed is not None
     assert odometry.last_believed.pose.equals(believed[-1].world_T_body, 1e-9)

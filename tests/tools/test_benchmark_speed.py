@@ -12,6 +12,6 @@ def test_a_short_run(tmp_path, monkeypatch):
     arguments = ["--out", str(tmp_path / "speed"), "--repeat", "1", "--seconds", "1"]
     result = CliRunner().invoke(benchmark_speed.main, arguments)
     assert result.exit_code == 0, result.output
-    for row in ("| simulated, 1 s |", "| between knots |", "| the paper's solver |", "| 30 |"):
+    for row in ("| simulated, 1 s |", "| between states |", "| the paper's solver |", "| 30 |"):
         assert row in result.output
     assert (tmp_path / "speed" / "lines.png").stat().st_size > 1000

@@ -26,7 +26,7 @@ def test_bounds_hold_what_is_consistent():
 
 
 def row(start: str, seed: int, scale: float) -> dict:
-    """Of a run whose covariances are too small by `scale`, 200 knots."""
+    """Of a run whose covariances are too small by `scale`, 200 states."""
     rng = np.random.default_rng([seed, len(start)])
     nees = scale * np.sum(rng.normal(size=(200, DIMENSION)) ** 2, axis=1) / DIMENSION
     known = {"start": start, "seed": seed, "still": 200 * [False]}
@@ -50,7 +50,7 @@ def test_the_table_says_by_what_factor_it_is_off():
         assert line[5] == "0.79 to 1.24"  # scipy's chi2.ppf([0.025, 0.975], 150) / 150
 
 
-def test_knots_held_still_are_counted_apart():
+def test_nodes_held_still_are_counted_apart():
     rows = [row("at rest", seed, 0.1) for seed in range(10)]
     for i, own in enumerate(rows):
         own["still"] = [n < 20 + i for n in range(200)]

@@ -51,11 +51,11 @@ CASES = ((0.5, 9), (0.25, 9), (0.25, 3), (0.1, 9), (0.1, 3), (0.1, 1))
 def nees(seed: int, pixels: float, step: int) -> tuple[FloatArray, bool]:
     """Of the last state and the lines, by dimension, and whether `check_lines` objects."""
     rng = np.random.default_rng(seed)
-    knots = np.linspace(0.0, 1.7, 9)
+    nodes = np.linspace(0.0, 1.7, 9)
     phase, frequency = rng.uniform(0.0, 2.0 * np.pi, (2, 3)), rng.uniform(0.4, 1.1, (2, 3))
-    waves = np.sin(2.0 * np.pi * frequency[:, None] * knots[:, None] + phase[:, None])
+    waves = np.sin(2.0 * np.pi * frequency[:, None] * nodes[:, None] + phase[:, None])
     waves -= waves[:, :1]
-    motion = SplineMotion(knots, 0.25 * waves[0], 0.25 * waves[1])
+    motion = SplineMotion(nodes, 0.25 * waves[0], 0.25 * waves[1])
     imu = simulate_imu(motion, 400.0, D435I_LIKE, rng, rng.normal(size=6) * BIAS_SIGMAS)
     sigma = pixels / FOCAL
     cameras = [motion.pose(time) * BODY_T_CAM for time in FRAME_TIMES]

@@ -51,7 +51,7 @@ class Run:
     frames: float
     """Share of the frames that have a live pose."""
     degraded: float
-    """Share of these that are doubtful."""
+    """Share of these that are degraded."""
     ate: float | None
     """RMSE of live positions, SE(3)-aligned, mm."""
     worst: float | None
@@ -97,7 +97,7 @@ def run_from(recorded: Recorded, duration: float, begin: float) -> Run:
         delay=(live[0].stamp - first) * 1e-9 if live else None,
         handed_out=handed_out,
         frames=len(live) / max(count, 1),
-        degraded=float(np.mean([e.status == "doubtful" for e in live])) if live else 0.0,
+        degraded=float(np.mean([e.status == "degraded" for e in live])) if live else 0.0,
         ate=ate,
         worst=worst,
         scale=scale,
@@ -127,7 +127,7 @@ def _errors(
 def report(runs: Sequence[Run]) -> str:
     """A line for each run, and what they come to together."""
     lines = [
-        f"{'begin (s)':>9} {'delay (s)':>9} {'out (s)':>8} {'frames (%)':>10} {'doubtful (%)':>12} "
+        f"{'begin (s)':>9} {'delay (s)':>9} {'out (s)':>8} {'frames (%)':>10} {'degraded (%)':>12} "
         f"{'ATE (mm)':>9} {'worst (mm)':>10} {'scale':>7}"
     ]
     lines += [

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: The ruledgraph developers
 // SPDX-License-Identifier: BSD-3-Clause
 //
-// The motion of all frames after a knot, from the IMU; needs Eigen alone. The C++ version of
+// The motion of all frames after a node, from the IMU; needs Eigen alone. The C++ version of
 // `FrameMotion` and `preintegrate_frames` in `ruledgraph_factors/motion.py`, where the equations
 // are.
 #pragma once
@@ -17,13 +17,13 @@
 
 namespace ruledgraph {
 
-/// Preintegrated motion from a knot to each of n frames.
+/// Preintegrated motion from a node to each of n frames.
 struct FrameMotions {
   std::vector<FrameMotion> frames;
   Vector6 bias = Vector6::Zero();  ///< integrated with: accelerometer (m/s^2), gyroscope (rad/s)
   bool timed = false;              ///< whether the frames know their `time_jacobian`
 
-  /// No motion at all: one frame at the knot itself.
+  /// No motion at all: one frame at the node itself.
   static FrameMotions at_rest() {
     return {{{0.0, Vector6::Zero(), Matrix6::Zero()}}, Vector6::Zero(), false};
   }
@@ -36,12 +36,12 @@ struct FrameMotions {
   }
 };
 
-/// Preintegrate the IMU from a knot to every frame after it, linearised at `bias` (accelerometer,
+/// Preintegrate the IMU from a node to every frame after it, linearised at `bias` (accelerometer,
 /// gyroscope): the current estimate. Times are in s, those of the frames strictly increasing, the
-/// first at or after the knot; the samples cover them. With `with_time` the frames know how they
+/// first at or after the node; the samples cover them. With `with_time` the frames know how they
 /// would move if they had been taken later. Throws std::invalid_argument for times that do not fit
 /// and where the body turns by more than pi.
-inline FrameMotions preintegrate_frames(const ImuSamples& imu, double knot_time,
+inline FrameMotions preintegrate_frames(const ImuSamples& imu, double node_time,
                                         const std::vector<double>& frame_times, const Vector6& bias,
                                         bool with_time = false) {
   const auto require = [](bool condition, const char* message) {
@@ -53,16 +53,16 @@ inline FrameMotions preintegrate_frames(const ImuSamples& imu, double knot_time,
   for (std::size_t i = 1; i < frame_times.size(); ++i) {
     require(frame_times[i] > frame_times[i - 1], "ruledgraph: frame times must increase");
   }
-  require(frame_times.front() >= knot_time - kSameTime,
-          "ruledgraph: the first frame lies before the knot");
+  require(frame_times.front() >= node_time - kSameTime,
+          "ruledgraph: the first frame lies before the node");
   const double first = imu.times[0], last = imu.times[imu.times.size() - 1];
-  require(knot_time >= first - kSameTime && frame_times.back() <= last + kSameTime,
-          "ruledgraph: the IMU samples do not cover the knot and its frames");
+  require(node_time >= first - kSameTime && frame_times.back() <= last + kSameTime,
+          "ruledgraph: the IMU samples do not cover the node and its frames");
   const auto covered = [&](double time) { return std::min(std::max(time, first), last); };
   std::vector<double> at_frames;
-  for (const double time : frame_times) at_frames.push_back(covered(std::max(time, knot_time)));
+  for (const double time : frame_times) at_frames.push_back(covered(std::max(time, node_time)));
   std::vector<double> breaks = at_frames;
-  breaks.push_back(covered(knot_time));
+  breaks.push_back(covered(node_time));
   const ImuSegments segments = imu.segments(breaks, bias.head<3>(), bias.tail<3>());
 
   FrameMotions motions{{}, bias, with_time};
@@ -75,9 +75,9 @@ inline FrameMotions preintegrate_frames(const ImuSamples& imu, double knot_time,
                        segments.rate.col(i) - bias.tail<3>(),
                        segments.breaks[done + 1] - segments.breaks[done]);
       require(motion.delta.head<3>().norm() <= kHalfTurn,
-              "ruledgraph: the body turns by more than half a turn; put a knot in between");
+              "ruledgraph: the body turns by more than half a turn; put a node in between");
     }
-    FrameMotion frame{std::max(frame_times[j] - knot_time, 0.0), motion.delta.head<6>(),
+    FrameMotion frame{std::max(frame_times[j] - node_time, 0.0), motion.delta.head<6>(),
                       motion.d_bias.topRows<6>()};
     if (with_time) {
       // d theta / dt = Jr(theta)^-1 w, d dp / dt = dv
@@ -90,7 +90,7 @@ inline FrameMotions preintegrate_frames(const ImuSamples& imu, double knot_time,
   return motions;
 }
 
-/// Pose of a frame from the knot's state; times body_T_cam, its camera's. The state's line has no
+/// Pose of a frame from the node's state; times body_T_cam, its camera's. The state's line has no
 /// part in it.
 inline Pose frame_pose(const FrameMotions& motions, std::size_t frame, const State& state) {
   const FrameMotion& motion = motions.frames.at(frame);

@@ -65,7 +65,7 @@ struct ImuSamples {
   }
 };
 
-/// Motion since a knot in the knot's body frame, and its derivative by the bias.
+/// Motion since a node in the node's body frame, and its derivative by the bias.
 struct Preintegrated {
   /// (theta, dp, dv).
   Eigen::Matrix<double, 9, 1> delta = Eigen::Matrix<double, 9, 1>::Zero();

@@ -36,7 +36,7 @@ constexpr double kEndOn = 1e-18;
 
 /// What a factor depends on; SI units, world quantities unless said otherwise.
 struct State {
-  Matrix3 rotation;  ///< world_R_body of the knot
+  Matrix3 rotation;  ///< world_R_body of the node
   Vector3 position;
   Vector3 velocity;
   Vector6 bias;  ///< accelerometer, gyroscope; body
@@ -45,7 +45,7 @@ struct State {
   double time_shift = 0.0;  ///< how much later the frames were taken; of a timed geometry
 };
 
-/// Preintegrated motion from the knot to one frame.
+/// Preintegrated motion from the node to one frame.
 struct FrameMotion {
   double elapsed;
   Vector6 preintegrated;                    ///< (theta, dp) at the bias integrated with
@@ -139,19 +139,19 @@ class Geometry {
         cam_R_body_ * hat(body_R_world * world_moment) - by_translation * hat(body_t_cam_);
     const Matrix3 direction_by_rotation = cam_R_body_ * across;
 
-    // By the knot's state through the frame's pose.
-    const Matrix3 frame_R_knot = turn.rotation.transpose();
+    // By the node's state through the frame's pose.
+    const Matrix3 frame_R_node = turn.rotation.transpose();
     const Eigen::Matrix<double, 3, 6> turn_by_bias =
         turn.right_jacobian * motion.bias_jacobian.topRows<3>();
-    const Matrix3 by_knot_translation = by_translation * frame_R_knot;
+    const Matrix3 by_node_translation = by_translation * frame_R_node;
     const Matrix3 by_world_translation = by_translation * body_R_world;
     auto& d_moment = result.d_moment;
     d_moment.middleCols<3>(kPose) =
-        by_rotation * frame_R_knot - by_knot_translation * hat(delta_position);
-    d_moment.middleCols<3>(kPose + 3) = by_knot_translation;
+        by_rotation * frame_R_node - by_node_translation * hat(delta_position);
+    d_moment.middleCols<3>(kPose + 3) = by_node_translation;
     d_moment.middleCols<3>(kVelocity) = by_world_translation * by_velocity;
     d_moment.middleCols<6>(kBias) =
-        by_rotation * turn_by_bias + by_knot_translation * motion.bias_jacobian.bottomRows<3>();
+        by_rotation * turn_by_bias + by_node_translation * motion.bias_jacobian.bottomRows<3>();
     d_moment.middleCols<3>(kGravity) = by_world_translation * by_gravity;
     d_moment.middleCols<3>(kLine + 1) =
         cam_R_world * (line.cosine * line.d_normal + line.sine * (hat(lever) * line.d_along));
@@ -159,13 +159,13 @@ class Geometry {
 
     auto& d_direction = result.d_direction;
     d_direction.setZero();
-    d_direction.middleCols<3>(kPose) = direction_by_rotation * frame_R_knot;
+    d_direction.middleCols<3>(kPose) = direction_by_rotation * frame_R_node;
     d_direction.middleCols<6>(kBias) = direction_by_rotation * turn_by_bias;
     d_direction.middleCols<3>(kLine + 1) = cam_R_world * line.d_along;
     if (timed_) {
       const Vector3 turning = turn.right_jacobian * motion.time_jacobian.head<3>();
       result.moment_by_time = by_rotation * turning +
-                              by_knot_translation * motion.time_jacobian.tail<3>() +
+                              by_node_translation * motion.time_jacobian.tail<3>() +
                               by_world_translation * (state.velocity + state.gravity * t);
       result.direction_by_time = direction_by_rotation * turning;
     }

@@ -210,7 +210,7 @@ class PaperOdometry(Output):
             covariances=(unknown, unknown[:3, :3], unknown),
             lines=frame.lines,
             status="tracking" if frame.lines >= _FEWEST_LINES else "dead reckoning",
-            at_knot=False,
+            at_node=False,
         )
 
     # -- bookkeeping -----------------------------------------------------------------------------

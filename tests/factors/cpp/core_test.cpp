@@ -215,9 +215,9 @@ void wrong_arguments_are_refused() {
   const Eigen::Vector3d times(0.0, 0.1, 0.2);
   const Eigen::Matrix3d still = Eigen::Matrix3d::Zero();
   const Eigen::Matrix3d spinning = Eigen::Matrix3d::Constant(20.0);
-  const auto preintegrated = [&](const Eigen::Matrix3d& rate, double knot,
+  const auto preintegrated = [&](const Eigen::Matrix3d& rate, double node,
                                  const std::vector<double>& frames) {
-    return preintegrate_frames({{times.data(), 3}, {still.data(), 3, 3}, {rate.data(), 3, 3}}, knot,
+    return preintegrate_frames({{times.data(), 3}, {still.data(), 3, 3}, {rate.data(), 3, 3}}, node,
                                frames, Vector6::Zero());
   };
   assert(!throws([&] { preintegrated(still, 0.0, {0.0, 0.2}); }));
@@ -261,12 +261,12 @@ void write_motions() {
   const Eigen::MatrixXd samples = read_rows(7).transpose();  // time, force, rate
   const Eigen::VectorXd times = samples.row(0);
   const Eigen::Matrix3Xd force = samples.middleRows<3>(1), rate = samples.bottomRows<3>();
-  const double knot = read_number();
+  const double node = read_number();
   const Eigen::VectorXd at = read_rows(1);
   const Vector6 bias = read_fixed<6>();
   const Eigen::Index n = times.size();
   const FrameMotions motions =
-      preintegrate_frames({{times.data(), n}, {force.data(), 3, n}, {rate.data(), 3, n}}, knot,
+      preintegrate_frames({{times.data(), n}, {force.data(), 3, n}, {rate.data(), 3, n}}, node,
                           {at.data(), at.data() + at.size()}, bias, true);
   const Pose start = read_plain_pose();
   State state{start.rotation, start.position, read_fixed<3>(), {}, {0.0, 0.0, -9.81}, {}};

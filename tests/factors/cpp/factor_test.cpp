@@ -24,7 +24,7 @@ using gtsam::Vector;
 
 constexpr Key kPoseKey = 0, kVelocityKey = 1, kBiasKey = 2, kExtraKey = 3, kLineKey = 4;
 
-enum Kind { kKnot, kTimeOffset, kGravityDirection, kGravityVector, kPoseOnly };
+enum Kind { kNode, kTimeOffset, kGravityDirection, kGravityVector, kPoseOnly };
 
 gtsam::Pose3 read_pose() {
   const Pose pose = read_plain_pose();
@@ -46,7 +46,7 @@ gtsam::NonlinearFactor::shared_ptr make_factor(Kind kind, const FrameMotions& mo
   const Key x = kPoseKey, v = kVelocityKey, b = kBiasKey, e = kExtraKey, l = kLineKey;
   using Factor = RuledSurfaceFactor;
   switch (kind) {
-    case kKnot:
+    case kNode:
       return Factor(noise, x, v, b, l, motions, chart, points, body_T_cam, gravity).clone();
     case kTimeOffset:
       return Factor::WithTimeOffset(noise, x, v, b, e, l, motions, chart, points, body_T_cam,

@@ -39,7 +39,7 @@ def known_start(made: IdealTracks) -> Start:
 def run_window(
     made: IdealTracks, config: Config | None = None, still_until: float = 0.0
 ) -> tuple[Window, list[Interval]]:
-    """Knots of three frames each; the window at the end and the intervals that left it."""
+    """States of three frames each; the window at the end and the intervals that left it."""
     window = Window(CALIBRATION, config or Config(), known_start(made))
     left, tracks = [], made.tracks
     stamps, times = made.stamps[1:], made.times[1:].tolist()
@@ -54,16 +54,16 @@ def run_window(
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_newest_knot_follows_the_truth(seed):
+def test_the_newest_node_follows_the_truth(seed):
     rng = np.random.default_rng(seed)
     made = ideal_tracks(seed, hand_held(rng), bias=rng.normal(size=6) * np.repeat([0.05, 0.01], 3))
     window, _ = run_window(made)
-    knot = window.newest
-    true = made.motion.pose(knot.time)
+    node = window.newest
+    true = made.motion.pose(node.time)
     assert window.recoveries == []
-    assert error_of(knot.state.pose(), true) < 0.01  # 12 lines of 0.5 px over 0.3 m of motion
-    np.testing.assert_allclose(knot.state.velocity(), made.motion.velocity(knot.time), atol=0.03)
-    pose, velocity, bias = knot.covariances
+    assert error_of(node.state.pose(), true) < 0.01  # 12 lines of 0.5 px over 0.3 m of motion
+    np.testing.assert_allclose(node.state.velocity(), made.motion.velocity(node.time), atol=0.03)
+    pose, velocity, bias = node.covariances
     for covariance in (pose, velocity, bias):
         assert np.all(np.linalg.eigvalsh(covariance) > 0.0)
     assert len(window.lines) == 12
@@ -99,7 +99,7 @@ def clipped_run(seed: int) -> tuple[float, list[Interval], IdealTracks]:
     return error, [*left, *window.intervals], made
 
 
-def test_knots_of_clipped_intervals_are_tied_by_their_own_frames(monkeypatch):
+def test_nodes_of_clipped_intervals_are_tied_by_their_own_frames(monkeypatch):
     errors, without = [], []
     for seed in range(4):
         error, intervals, made = clipped_run(seed)
@@ -112,7 +112,7 @@ def test_knots_of_clipped_intervals_are_tied_by_their_own_frames(monkeypatch):
                 index, _ = after.seen(sightings)
                 assert index
                 assert max(index) < after.known
-                assert factor.keys()[0] == X(after.knot.index)
+                assert factor.keys()[0] == X(after.node.index)
         assert sum(interval.again for interval in intervals) > 3
         with monkeypatch.context() as patch:
             patch.setattr(ImuBuffer, "is_lost", lambda *_: True)
@@ -178,14 +178,14 @@ def test_a_robust_loss_carries_a_line_that_slips():
                     moved = seen.points + np.array([0.03, -0.03])
                     track.sightings[i] = sighting(seen.stamp, moved)
         window, _ = run_window(made, load_config(None, [f"lines.cauchy_scale_px={robust}"]))
-        knot = window.newest
-        errors[robust] = error_of(knot.state.pose(), made.motion.pose(knot.time))
+        node = window.newest
+        errors[robust] = error_of(node.state.pose(), made.motion.pose(node.time))
     assert errors["1"] < 0.01
     assert errors["1"] < errors["0"]
 
 
 def rested(steps: int, look_every: int = 0) -> Window:
-    """Knots of nine frames at rest, optimised at every one without lines, or with them seldom."""
+    """States of nine frames at rest, optimised at every one without lines, or with them seldom."""
     times = np.linspace(0.0, 5.0, 11)
     motion = SplineMotion(times, np.zeros((11, 3)), np.tile([0.1, -0.2, 0.3], (11, 1)))
     made = ideal_tracks(0, motion, duration=4.5)
@@ -201,25 +201,25 @@ def rested(steps: int, look_every: int = 0) -> Window:
     return window
 
 
-def test_still_knots_have_no_velocity():
+def test_still_nodes_have_no_velocity():
     window = rested(4)
     # Rest is known of the middle of the time that it was seen; after it the IMU drifts.
-    assert np.linalg.norm(window.knots[-3].state.velocity()) < 0.005
+    assert np.linalg.norm(window.nodes[-3].state.velocity()) < 0.005
     assert np.linalg.norm(window.newest.state.velocity()) < 0.02
 
 
 def test_a_body_at_rest_stays_where_it_is():
     window = rested(14)
-    first, middle = window.knots[0], window.knots[-2]
+    first, middle = window.nodes[0], window.nodes[-2]
     assert first.time > 2.0
     assert error_of(middle.state.pose(), first.state.pose()) < 0.001
-    # Held by the first knot of the rest in the window, which moves on every 1.5 s.
+    # Held by the first state of the rest in the window, which moves on every 1.5 s.
     deviations = np.sqrt(np.diag(middle.covariances[0])[3:])
     assert np.all(deviations < 0.003)
 
 
 def test_a_window_is_rebuilt_in_the_middle_of_a_rest(monkeypatch):
-    """The place is held by a factor on the rest's first knot, which may have left."""
+    """The place is held by a factor on the rest's first state, which may have left."""
     update, calls = FixedLagSmoother.update, []
 
     def fails_once(self, *args):
@@ -291,7 +291,7 @@ def test_new_lines_say_next_to_nothing_of_place_and_heading():
             values = gtsam.Values()
             values.insert(keys[0], pose)
             values.insert(keys[1], state.velocity)
-            values.insert(keys[2], interval.knot.bias)
+            values.insert(keys[2], interval.node.bias)
             values.insert(keys[3], line.delta)
             # Turned about the vertical and shifted, all together.
             moves = [gtsam.Pose3(gtsam.Rot3.Yaw(step), np.zeros(3))]
@@ -306,7 +306,7 @@ def test_new_lines_say_next_to_nothing_of_place_and_heading():
                 for moved in moves
             ]
             information = np.zeros((4, 4))
-            for factor in new_line_factors(interval.knot, seen, Config().lines):
+            for factor in new_line_factors(interval.node, seen, Config().lines):
                 linear = factor.linearize(values)
                 order = linear.keys()
                 by_all = [np.concatenate([change[key] for key in order]) for change in changes]
@@ -333,7 +333,7 @@ takes_over = pytest.mark.skipif(
 @takes_over
 @pytest.mark.parametrize("solved", [False, True], ids=["at once", "half way"])
 def test_careful_steps_take_over_in_the_middle_of_a_rest(monkeypatch, solved):
-    """Several knots are new, and factors hold them where the rest began."""
+    """Several states are new, and factors hold them where the rest began."""
     plain = rested(14, look_every=3)
     solve, calls = FixedLagSmoother._solve, []
 
@@ -351,7 +351,7 @@ def test_careful_steps_take_over_in_the_middle_of_a_rest(monkeypatch, solved):
     # Of the place; a tilt seems better known, as lines are linearised anew where they are by now.
     ours, theirs = window.newest, plain.newest
     assert error_of(ours.state.pose(), theirs.state.pose()) < 0.002
-    variances = (np.diag(knot.covariances[0])[3:] for knot in (ours, theirs))
+    variances = (np.diag(node.covariances[0])[3:] for node in (ours, theirs))
     np.testing.assert_allclose(*variances, rtol=0.7)
 
 
@@ -365,7 +365,7 @@ def test_an_indeterminate_system_is_solved_by_careful_steps_and_nothing_is_lost(
     solve, calls = FixedLagSmoother._solve, []
 
     def fails_once(self, factors, values, times, check):
-        calls.append(self.careful)
+        calls.append(self.dogleg)
         solved = solve(self, factors, values, times, check)
         if len(calls) == 10:  # half way: it has taken in what is new
             raise SmootherError("Indeterminate linear system detected")

@@ -161,7 +161,7 @@ def test_the_odometry_gets_over_stamps_that_are_off(ms, moving):
     value, sigma = odometry.time_offset
     assert 0.0 < sigma < 1e-3
     assert abs(value + 1e-3 * ms) < 3.0 * sigma
-    # But for the frames after the last live knot, which `finish` takes in.
+    # But for the frames after the last live state, which `finish` takes in.
     assert live[-1].time_offset.value == pytest.approx(value, abs=2.0 * sigma)
     assert ate(live, ms, moving) < 0.02  # as without an offset
     assert sum("timeshift_cam_imu" in warning for warning in odometry.warnings) == 1

@@ -18,7 +18,7 @@ def estimate() -> Estimate:
         covariances=(pose, velocity, bias),
         lines=7,
         status="tracking",
-        at_knot=True,
+        at_node=True,
     )
 
 

@@ -25,16 +25,16 @@ def filled(skip=(), hang=()) -> ImuBuffer:
 
 def test_where_samples_are_missing_there_is_a_hole():
     imu = filled(skip=range(100, 140))
-    ((start, stop, _),) = imu.doubts(0.0, 0.99)
+    ((start, stop, _),) = imu.unreliable(0.0, 0.99)
     assert (start, stop) == pytest.approx((99 * STEP, 140 * STEP))
-    assert len(imu.doubts(0.6, 0.65)) == 1
-    assert imu.doubts(0.0, 0.495) == imu.doubts(0.701, 0.9) == []
-    assert filled(skip=range(100, 105)).doubts(0.0, 0.99) == []
+    assert len(imu.unreliable(0.6, 0.65)) == 1
+    assert imu.unreliable(0.0, 0.495) == imu.unreliable(0.701, 0.9) == []
+    assert filled(skip=range(100, 105)).unreliable(0.0, 0.99) == []
 
 
 def test_a_hanging_imu_is_silent():
     imu = filled(hang=range(100, 140))
-    ((start, stop, _),) = imu.doubts(0.0, 0.99)
+    ((start, stop, _),) = imu.unreliable(0.0, 0.99)
     assert (start, stop) == pytest.approx((99 * STEP, 140 * STEP))
 
 
@@ -56,7 +56,7 @@ def test_noise_across_holes():
     densities = []
     for length in (0.06, 0.1, 0.3, 0.5):
         imu = filled(skip=range(40, 40 + round(length / STEP)))
-        (hole,) = imu.doubts(0.0, 0.99)
+        (hole,) = imu.unreliable(0.0, 0.99)
         density = rate_density(hole, hole.start, hole.stop)
         densities.append(density)
         # Half of it has what belongs to half of it.
@@ -68,9 +68,9 @@ def test_noise_across_holes():
     assert densities[-1] * np.sqrt(0.5) == pytest.approx(0.25, rel=0.05)
 
 
-def rate_density(doubt, start: float, stop: float) -> float:
+def rate_density(interval, start: float, stop: float) -> float:
     """Of the gyroscope, rad/s/sqrt(Hz), the same in all directions."""
-    params = params_across(D435I_LIKE, [doubt], start, stop)
+    params = params_across(D435I_LIKE, [interval], start, stop)
     covariance = params.getGyroscopeCovariance()
     np.testing.assert_allclose(covariance, covariance[0, 0] * np.eye(3), atol=1e-15)
     return float(np.sqrt(covariance[0, 0]))
@@ -87,10 +87,10 @@ def clipped() -> ImuBuffer:
     return imu
 
 
-def test_clipped_readings_are_doubtful_in_their_axis():
+def test_clipped_readings_are_degraded_in_their_axis():
     imu = clipped()
-    upper, lower, *_ = doubts = imu.doubts(0.0, 2.0)
-    assert len(doubts) == 4
+    upper, lower, *_ = unreliable = imu.unreliable(0.0, 2.0)
+    assert len(unreliable) == 4
     # A sine is above 0.8 from 53 to 127 degrees.
     assert (upper.start, upper.stop) == pytest.approx((53 / 360, 127 / 360), abs=2 * STEP)
     assert (lower.start, lower.stop) == pytest.approx((233 / 360, 307 / 360), abs=2 * STEP)
@@ -102,7 +102,7 @@ def test_clipped_readings_are_doubtful_in_their_axis():
     assert np.sqrt(covariance[0, 0] * length) == pytest.approx(0.4 * length, rel=0.01)
     assert covariance[1, 1] == covariance[2, 2] == pytest.approx(D435I_LIKE.gyroscope**2)
     imu.forget(1.0)
-    assert len(imu.doubts(0.0, 2.0)) == 2
+    assert len(imu.unreliable(0.0, 2.0)) == 2
 
 
 def test_how_long_estimates_are_unsure():

@@ -127,15 +127,15 @@ def test_the_end_of_a_range_is_found(seed, step):
     watch, news = watched(times, values)
     assert "ends at 0.35 rad/s" in "".join(news)
     assert all("gyroscope" in text for text in news)
-    doubtful = np.zeros(len(times), dtype=bool)
-    for doubt in watch.doubts:
-        doubtful |= (times >= doubt.start) & (times <= doubt.stop)
-        np.testing.assert_array_equal(doubt.open[3:], 0.0)
-        assert set(doubt.open[:3].round(3)) <= {0.0, 0.175}  # half of the end
+    degraded = np.zeros(len(times), dtype=bool)
+    for interval in watch.unreliable:
+        degraded |= (times >= interval.start) & (times <= interval.stop)
+        np.testing.assert_array_equal(interval.open[3:], 0.0)
+        assert set(interval.open[:3].round(3)) <= {0.0, 0.175}  # half of the end
     at_end = np.any(np.abs(values[:, :3]) == 0.35, axis=1)
-    assert np.mean(doubtful[at_end]) > 0.95
+    assert np.mean(degraded[at_end]) > 0.95
     # Stretches begin at the reading before, and bridge some between noisy ones at the end.
-    assert np.sum(doubtful & ~at_end) < 0.3 * np.sum(at_end)
+    assert np.sum(degraded & ~at_end) < 0.3 * np.sum(at_end)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -173,19 +173,19 @@ def test_what_goes_beyond_was_no_end():
     values[:, 0] = np.clip(values[:, 0], -1.0, 0.3)
     watch, news = watched(times, values)
     assert len(news) == 1
-    after = watch.doubts[-1].stop
+    after = watch.unreliable[-1].stop
     later, beyond = hand_held(seed=1)
     for time, value in zip((later + 2.0).tolist(), beyond, strict=True):
         assert watch.add(time, value) == ""
-    assert watch.doubts[-1].stop == after
+    assert watch.unreliable[-1].stop == after
 
 
-def test_doubts_are_forgotten():
+def test_unreliable_are_forgotten():
     times, values = hand_held()
     values[:, 0] = np.clip(values[:, 0], -0.3, 0.3)
     watch, _ = watched(times, values)
-    half = watch.doubts[len(watch.doubts) // 2]
+    half = watch.unreliable[len(watch.unreliable) // 2]
     watch.forget(half.stop)
-    assert watch.doubts[0] == half
+    assert watch.unreliable[0] == half
     watch.forget(np.inf)
-    assert watch.doubts == []
+    assert watch.unreliable == []

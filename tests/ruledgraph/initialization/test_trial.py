@@ -7,7 +7,7 @@ import gtsam
 import numpy as np
 
 from ruledgraph.backend.start import Start
-from ruledgraph.backend.states import Knot
+from ruledgraph.backend.states import StateNode
 from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.initialization.trial import Trial
 
@@ -27,8 +27,8 @@ def start_with(lines) -> Start:
 
 def window_at(time: float, lines, velocity=0.0):
     state = gtsam.NavState(gtsam.Pose3(), np.array([velocity, 0.0, 0.0]))
-    knot = Knot(1, time, state, gtsam.imuBias.ConstantBias(), np.eye(15))
-    return SimpleNamespace(newest=knot, lines=dict.fromkeys(lines))
+    node = StateNode(1, time, state, gtsam.imuBias.ConstantBias(), np.eye(15))
+    return SimpleNamespace(newest=node, lines=dict.fromkeys(lines))
 
 
 def test_a_trial_is_passed_by_lines_that_stay():

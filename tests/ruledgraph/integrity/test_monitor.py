@@ -124,7 +124,7 @@ def test_lines_that_do_not_fit_are_told(misfits, disagree, lost):
 def test_lines_that_do_not_fit_for_long_are_those_of_a_lost_estimate():
     window, monitor, warnings = judged(misfits=4)
     window.newest.time += 1.0
-    window.intervals[-1].knot.time += 1.0
+    window.intervals[-1].node.time += 1.0
     monitor.update(window, False)
     assert monitor.lost
     assert len(warnings) == 1
@@ -176,7 +176,7 @@ def test_covariances_grow_with_how_far_lines_are_from_their_points():
     # What is wrong with the place by then stays, of velocity it is forgotten.
     window.newest.time += 100.0
     for interval in window.intervals:
-        interval.knot.time += 100.0
+        interval.node.time += 100.0
         interval.offsets = 15 * [0.6745]
     monitor.update(window, False)
     np.testing.assert_allclose(shown(window, monitor), 8.0 * own, rtol=1e-3)
@@ -199,7 +199,7 @@ def test_a_place_that_drifts_on_is_further_off():
         window.newest.covariances[0][3:, 3:] = times * own
         window.newest.time += 100.0
         for interval in window.intervals:
-            interval.knot.time += 100.0
+            interval.node.time += 100.0
             interval.offsets = 1000 * [scale * 0.6745]
         monitor.update(window, False)
     # Nine times the first part, four times the second; nothing was new after that.
@@ -208,14 +208,14 @@ def test_a_place_that_drifts_on_is_further_off():
 
 def test_covariances_stay_covariances_while_the_body_turns():
     """What is open from before, along one axis, and what is now, along another; a frame between
-    knots looks elsewhere.
+    states looks elsewhere.
     """
     window, monitor, _ = run()
     for scale, axes in ((30.0, [1.0, 1e-3, 1e-3]), (20.0, [1e-3, 1.0, 1e-3])):
         window.newest.covariances[0][:] = np.diag([1e-4, 1e-4, 1e-4, *axes])
         window.newest.time += 100.0
         for interval in window.intervals:
-            interval.knot.time += 100.0
+            interval.node.time += 100.0
             interval.offsets = 1000 * [scale * 0.6745]
         monitor.update(window, False)
     state = window.newest.state
@@ -223,18 +223,18 @@ def test_covariances_stay_covariances_while_the_body_turns():
         pose = state.pose().compose(gtsam.Pose3(gtsam.Rot3.Rz(angle), np.zeros(3)))
         of_pose = monitor.covariances(window.newest.covariances, pose, state.velocity())[0]
         assert np.linalg.eigvalsh(of_pose)[0] > 0.0
-        # At the knot no part of either is lost.
+        # At the state no part of either is lost.
         if angle == 0.0:
             assert np.all(of_pose.diagonal()[3:5] > [0.99 * 900.0, 0.99 * 400.0])
 
 
 def test_an_estimate_that_moves_while_the_body_rests_is_off_by_that():
     window, monitor, warnings = run()
-    knot = window.newest
-    state, slide = knot.state, np.array([0.03, -0.04, 0.0])
+    node = window.newest
+    state, slide = node.state, np.array([0.03, -0.04, 0.0])
     monitor.update(window, True)
     before = shown(window, monitor)
-    knot.state = gtsam.NavState(state.attitude(), state.position() + slide, state.velocity())
+    node.state = gtsam.NavState(state.attitude(), state.position() + slide, state.velocity())
     R = state.attitude().matrix()
     for _ in range(2):
         monitor.update(window, True)

@@ -132,7 +132,7 @@ def test_images_carry_rulings_and_points_of_the_same_frame(logged):
     assert np.quantile(away, 0.9) < 10.0
 
 
-def test_states_are_those_of_the_knots(logged):
+def test_states_are_those_of_the_nodes(logged):
     folder, found = logged
     with (folder / "states.csv").open() as file:
         rows = list(csv.DictReader(file))

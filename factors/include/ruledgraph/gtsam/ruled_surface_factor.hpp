@@ -114,7 +114,7 @@ class RuledSurface {
   Points points_;
 };
 
-/// One line over all frames that follow a knot, on the knot's state and the line: `Pose3`
+/// One line over all frames that follow a node, on the node's state and the line: `Pose3`
 /// world_T_body, `Vector3` velocity, `imuBias::ConstantBias`, then, in the forms that have one, a
 /// time offset (`double`) or gravity (`Unit3` or `Vector3`), and last the line, `Vector4` in
 /// `chart`. The noise model has dimension `rows()` of the points, its unit is normalised image
@@ -123,14 +123,14 @@ class RuledSurfaceFactor : public gtsam::NoiseModelFactor {
  public:
   using Base = gtsam::NoiseModelFactor;
   /// What is variable beside pose, velocity, bias and line.
-  enum class Form { kKnot, kTimeOffset, kGravityDirection, kGravityVector };
+  enum class Form { kNode, kTimeOffset, kGravityDirection, kGravityVector };
 
   RuledSurfaceFactor(const gtsam::SharedNoiseModel& noise_model, gtsam::Key pose_key,
                      gtsam::Key velocity_key, gtsam::Key bias_key, gtsam::Key line_key,
                      const FrameMotions& motions, const LineChart& chart, Points points,
                      const gtsam::Pose3& body_T_cam = gtsam::Pose3(),
                      const Vector3& gravity = {0.0, 0.0, -kStandardGravity})
-      : RuledSurfaceFactor(Form::kKnot, noise_model, {pose_key, velocity_key, bias_key, line_key},
+      : RuledSurfaceFactor(Form::kNode, noise_model, {pose_key, velocity_key, bias_key, line_key},
                            {chart, motions, std::move(points), body_T_cam}, gravity) {}
 
   /// With a variable for how much later than `motions` says the frames were taken, s, to first
@@ -212,7 +212,7 @@ class RuledSurfaceFactor : public gtsam::NoiseModelFactor {
     (*H)[2] = jacobian.middleCols<6>(kBias);
     if (form_ == Form::kTimeOffset) {
       (*H)[3] = jacobian.col(kTime);
-    } else if (form_ != Form::kKnot) {
+    } else if (form_ != Form::kNode) {
       (*H)[3] = jacobian.middleCols<3>(kGravity) * gravity_by_variable;
     }
     H->back() = jacobian.middleCols<4>(kLine);
