@@ -7,7 +7,7 @@ from itertools import pairwise
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import L, X
+from gtsam.symbol_shorthand import L, V, X
 
 from ideal_tracks import CALIBRATION, MANY, IdealTracks, error_of, ideal_tracks, sighting
 from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother, SmootherError
@@ -137,6 +137,32 @@ def test_a_failing_smoother_is_rebuilt_and_the_run_goes_on(monkeypatch):
     assert "Indeterminate" in window.recoveries[0]
     assert error_of(window.newest.state.pose(), made.motion.pose(window.newest.time)) < 0.005
     assert len(window.lines) == 12
+
+
+@pytest.mark.parametrize(
+    ("position", "velocity", "is_rebuilt"),
+    [(0.5, 0.0, False), (2.0, 0.0, True), (0.0, 1.5, False), (0.0, 6.0, True)],
+)
+def test_an_estimate_that_jumps_is_not_believed(monkeypatch, position, velocity, is_rebuilt):
+    """By a metre or 3 m/s from where the IMU takes it."""
+    made = ideal_tracks(3, hand_held(np.random.default_rng(3)))
+    update, calls = FixedLagSmoother.update, []
+
+    def jumps_once(self, factors, values, times, check):
+        estimate = update(self, factors, values, times, check)
+        calls.append(1)
+        if len(calls) == 6:
+            k = max(gtsam.Symbol(x).index() for x in values.keys() if gtsam.Symbol(x).chr() == 120)  # noqa: SIM118
+            pose, moved = estimate.atPose3(X(k)), gtsam.Values(estimate)
+            shift = gtsam.Pose3(gtsam.Rot3(), np.array([position, 0.0, 0.0]))
+            moved.update(X(k), shift * pose)
+            moved.update(V(k), estimate.atVector(V(k)) + velocity * np.eye(3)[0])
+            check(moved)
+        return estimate
+
+    monkeypatch.setattr(FixedLagSmoother, "update", jumps_once)
+    window, _ = run_window(made)
+    assert [text.count("jumped") for text in window.recoveries] == [1] * is_rebuilt
 
 
 def test_without_any_lines_it_is_rebuilt_from_the_imu(monkeypatch):

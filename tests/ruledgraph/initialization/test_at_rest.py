@@ -48,3 +48,12 @@ def test_an_accelerometer_in_g_is_refused_at_rest():
     refusal = start_at_rest(made.imu, 800, 0.2, 0.8, Config())
     assert isinstance(refusal, Refusal)
     assert "1.00 instead of 9.81" in refusal.reason
+
+
+def test_the_tilts_sigma_is_what_the_accelerometers_bias_feigns():
+    made = ideal_tracks(0, at_rest(1.0), duration=0.9)
+    start = start_at_rest(made.imu, 800, 0.2, 0.8, Config())
+    assert isinstance(start, Start)
+    variances = np.linalg.eigvalsh(start.pose_covariance[:3, :3])
+    expected = Config().start.accelerometer_bias / 9.81  # rad; g differs by 0.1 % between places
+    np.testing.assert_allclose(np.sqrt(variances[1:]), expected, rtol=2e-3)

@@ -8,7 +8,7 @@ import pytest
 from ideal_tracks import CALIBRATION, MANY, IdealTracks, ideal_tracks, sighting
 from ruledgraph.backend.start import Start
 from ruledgraph.core.config import Config
-from ruledgraph.initialization.batch import Seen, Window
+from ruledgraph.initialization.batch import Batch, Seen, Window
 from ruledgraph.initialization.in_motion import solved, start_in_motion
 from ruledgraph.initialization.prior import Refusal
 from ruledgraph.simulation import SplineMotion
@@ -153,3 +153,23 @@ def test_a_start_moves_to_where_the_last_segment_ended():
     before, _ = chart.closest_point(delta)
     after, _ = moved.lines[number][0].closest_point(delta)
     np.testing.assert_allclose(after, turn.rotate(before) + np.array([1.0, 2.0, 3.0]), atol=1e-9)
+
+
+def test_a_start_is_believed_when_its_velocity_is_known_to_4_cm_per_s(monkeypatch):
+    made = in_motion(0)
+    for sigma, is_believed in ((0.03, True), (0.05, False)):
+        covariances = (1e-6 * np.eye(3), sigma**2 * np.eye(3))
+        monkeypatch.setattr(Batch, "velocity_covariances", lambda _, known=covariances: known)
+        assert isinstance(begun(made), Start) == is_believed
+
+
+def test_a_start_is_believed_when_a_fifth_of_the_sightings_contradicts_it(monkeypatch):
+    made = in_motion(0)
+    for share, is_believed in ((0.15, True), (0.25, False)):
+
+        def misfits(_: Batch, sigma: float, share: float = share) -> list[np.ndarray]:
+            assert sigma > 0.0
+            return [np.where(np.arange(20) < 20 * share, 1e3, 0.0) for _ in made.tracks]
+
+        monkeypatch.setattr(Batch, "misfits", misfits)
+        assert isinstance(begun(made), Start) == is_believed

@@ -61,6 +61,26 @@ def test_what_a_gap_leaves_open_grows_with_it():
     assert np.all(np.diff(sigmas, axis=0) > 0.0)
 
 
+def test_what_is_open_of_the_last_velocity_opens_the_place_over_a_gap():
+    """p' = p + v t, with what is unknown of p in the body frame and of v in the world."""
+    pose = gtsam.Pose3(gtsam.Rot3.RzRyRx(0.5, -0.8, 2.0), np.array([1.0, 2.0, 3.0]))
+    R, of_pose = pose.rotation().matrix(), np.diag([1e-6] * 3 + [1e-4, 4e-4, 9e-4])
+    of_velocity = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.01]])
+    ended = Ended(10.0, pose, np.zeros(3), (of_pose, of_velocity, np.eye(6)))
+    certain = IntegrityConfig(gap_acceleration=0.0, gap_turn_rate=0.0)
+    _, drift = continued(start_at(gtsam.Pose3(), 12.0), ended, certain)
+    np.testing.assert_allclose(drift.place, R @ of_pose[3:, 3:] @ R.T + 4.0 * of_velocity)
+    assert drift.heading == pytest.approx(1e-6)
+
+
+def test_what_a_gap_leaves_open_by_its_settings():
+    ended = Ended(10.0, gtsam.Pose3(), np.zeros(3), tuple(0.0 * c for c in CERTAIN))
+    _, drift = continued(start_at(gtsam.Pose3(), 12.0), ended, LIMITS)
+    # Half an acceleration of 1 m/s^2 over 2 s, and a turn of 0.3 rad/s.
+    np.testing.assert_allclose(drift.place, 4.0 * np.eye(3))
+    assert drift.heading == pytest.approx(0.36)
+
+
 def test_drift_in_covariances():
     """By many worlds that are off as it says."""
     rng = np.random.default_rng(0)

@@ -1,0 +1,104 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""What stands under which header of the tables of a run."""
+
+import csv
+from pathlib import Path
+
+import gtsam
+import numpy as np
+import pytest
+
+from ruledgraph.app.results import Results
+from ruledgraph.core.config import Config
+from ruledgraph.core.estimates import Estimate, LineEstimate
+from ruledgraph.core.time_offset import TimeOffset
+
+# Each number once, so that no column can stand for another.
+SIGMAS = {
+    "sigma_rotation": [0.11, 0.12, 0.13],
+    "sigma_position": [0.21, 0.22, 0.23],
+    "sigma_velocity": [0.31, 0.32, 0.33],
+    "sigma_accelerometer_bias": [0.41, 0.42, 0.43],
+    "sigma_gyroscope_bias": [0.51, 0.52, 0.53],
+}
+
+
+def squared(*names: str) -> np.ndarray:
+    return np.diag(np.square(np.concatenate([SIGMAS[name] for name in names])))
+
+
+def estimate(stamp: int = 1_500_000_000, at_knot: bool = True) -> Estimate:
+    return Estimate(
+        stamp=stamp,
+        world_T_body=gtsam.Pose3(gtsam.Rot3.Ry(np.pi / 2), np.array([1.0, 2.0, 3.0])),
+        velocity=np.array([4.0, 5.0, 6.0]),
+        # GTSAM: accelerometer first.
+        bias=gtsam.imuBias.ConstantBias(np.array([0.7, 0.8, 0.9]), np.array([0.07, 0.08, 0.09])),
+        covariances=(
+            squared("sigma_rotation", "sigma_position"),
+            squared("sigma_velocity"),
+            squared("sigma_accelerometer_bias", "sigma_gyroscope_bias"),
+        ),
+        lines=17,
+        status="still",
+        at_knot=at_knot,
+        segment=3,
+        time_offset=TimeOffset(0.004, 0.0005),
+    )
+
+
+def line() -> LineEstimate:
+    covariance = np.arange(18.0).reshape(2, 3, 3)
+    return LineEstimate(
+        number=8,
+        ends=np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]),
+        covariance=covariance + covariance.transpose(0, 2, 1),
+        first_stamp=1_000_000_000,
+        last_stamp=2_000_000_000,
+        points=321,
+    )
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    with Results(tmp_path / "run", Config()) as results:
+        results.write([estimate(), estimate(1_600_000_000, at_knot=False)], [], [line()])
+    return tmp_path / "run"
+
+
+def test_columns_of_the_states(folder):
+    (row,) = table(folder / "states.csv")  # of knots alone
+    vectors = {
+        "velocity": [4.0, 5.0, 6.0],
+        "accelerometer_bias": [0.7, 0.8, 0.9],
+        "gyroscope_bias": [0.07, 0.08, 0.09],
+        # Body x points down, and its z is the world's x.
+        "gravity_in_body": [9.80665, 0.0, 0.0],
+        **SIGMAS,
+    }
+    for name, expected in vectors.items():
+        found = [float(row[f"{name}_{axis}"]) for axis in "xyz"]
+        np.testing.assert_allclose(found, expected, atol=6e-3 if "gravity" in name else 1e-9)
+    assert (row["stamp"], row["lines"], row["status"], row["segment"]) == (
+        *("1.500000000", "17", "still", "3"),
+    )
+    assert (float(row["time_offset"]), float(row["sigma_time_offset"])) == (0.004, 0.0005)
+
+
+def test_columns_of_the_lines(folder):
+    (row,) = table(folder / "lines.csv")
+    expected = line()
+    for end in (1, 2):
+        found = [float(row[f"{axis}{end}"]) for axis in "xyz"]
+        np.testing.assert_array_equal(found, expected.ends[end - 1])
+        for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+            name = f"covariance{end}_{'xyz'[i]}{'xyz'[j]}"
+            assert float(row[name]) == expected.covariance[end - 1, i, j]
+    assert (row["line"], row["points"]) == ("8", "321")
+    assert (row["first_seen"], row["last_seen"]) == ("1.000000000", "2.000000000")

@@ -1,0 +1,246 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Mistakes that tests should notice, for `mutants.py`."""
+
+from typing import NamedTuple
+
+
+class Mutant(NamedTuple):
+    """A mistake: a text of a file in `ruledgraph/`, and what is put in its place."""
+
+    file: str
+    old: str
+    new: str
+    tests: tuple[str, ...]
+    """Files of which a test should fail."""
+
+
+_AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
+    # Results.
+    (
+        "app/results.py",
+        "app/test_results",
+        (
+            (
+                '_rotation_{a}" for a in _AXES),\n    *(f"sigma_position_',
+                '_position_{a}" for a in _AXES),\n    *(f"sigma_rotation_',
+            ),
+            (
+                "            pose,\n            velocity,",
+                "            velocity,\n            pose,",
+            ),
+            ("bias[3:],\n            bias[:3],", "bias[:3],\n            bias[3:],"),
+            ("np.sqrt(np.diag(c))", "np.diag(c)"),
+            ("attitude.unrotate(", "attitude.rotate("),
+            ("if estimate.at_knot:", "if not estimate.at_knot:"),
+            ("line.ends.ravel()", "line.ends[::-1].ravel()"),
+            ("seconds(line.first_stamp)", "seconds(line.last_stamp)"),
+        ),
+    ),
+    (
+        "app/trajectory_files.py",
+        "app/test_outputs",
+        (("[w, x, y, z]", "[x, y, z, w]"), ("estimate.matrix[:3]", "estimate.matrix.T[:3]")),
+    ),
+    (
+        "app/ros_output.py",
+        "app/test_outputs",
+        (
+            ("A[:3, 3:] = A[3:, :3] = R", "A[:3, :3] = A[3:, 3:] = R"),
+            ("twist[:3, :3] += turned", "twist[:3, :3] -= turned"),
+        ),
+    ),
+    # Integrity.
+    (
+        "integrity/segments.py",
+        "integrity/test_segments",
+        (
+            ("        + of_velocity * gap**2\n", ""),
+            ("of_velocity * gap**2", "of_velocity * gap"),
+            ("attitude @ of_pose[3:, 3:] @ attitude.T", "of_pose[3:, 3:]"),
+            ("0.5 * config.gap_acceleration", "config.gap_acceleration"),
+            ("(config.gap_turn_rate * gap) ** 2", "(config.gap_turn_rate * gap)"),
+            ("M[1, 0] - M[0, 1]", "M[0, 1] - M[1, 0]"),
+            ("+ fading * ended.velocity", "- fading * ended.velocity"),
+            ("R.T @ self.place @ R", "self.place"),
+            ("np.cross(_UP, velocity)", "velocity"),
+        ),
+    ),
+    (
+        "integrity/monitor.py",
+        "integrity/test_monitor",
+        (
+            ("2.0 * float(np.mean(errors))", "0.2 * float(np.mean(errors))"),
+            ("misfits / judged if", "0.5 * misfits / judged if"),
+            ("1.0 - self._config.parallel_spread", "1.0 - 10.0 * self._config.parallel_spread"),
+            ("speed * elapsed**2", "speed * elapsed"),
+            ("self._excess = max(excess, fading * self._excess)", "self._excess = excess"),
+            (
+                "before, self._slide = self._slide, place",
+                "before, self._slide = self._slide, 9 * place",
+            ),
+            ("np.outer(self._slide, self._slide)", "np.zeros((3, 3))"),
+            ("scale**2", "scale"),
+        ),
+    ),
+    (
+        "integrity/rest.py",
+        "integrity/test_rest",
+        (
+            ("samples.gyroscope.std", "0.1 * samples.gyroscope.std"),
+            ("samples.accelerometer.std", "0.1 * samples.accelerometer.std"),
+            ("< self._config.image_motion_px", "> self._config.image_motion_px"),
+            ("begin = min(begin,", "begin = max(begin,"),
+        ),
+    ),
+    # Initialization.
+    (
+        "initialization/at_rest.py",
+        "initialization/test_at_rest",
+        (
+            ("pose_covariance(attitude, a / _G)", "pose_covariance(attitude, 0.1 * a / _G)"),
+            ("samples.gyroscope.mean(axis=0)", "np.zeros(3)"),
+            ("config.start.gravity_share * _G", "_G"),
+        ),
+    ),
+    (
+        "initialization/prior.py",
+        "initialization/test_at_rest",
+        (("attitude.matrix().T @", "attitude.matrix() @"), ("_GAUGE = 1e-4", "_GAUGE = 1e-3")),
+    ),
+    (
+        "initialization/in_motion.py",
+        "initialization/test_in_motion",
+        (
+            (
+                "velocity_sigma < start.velocity_sigma",
+                "velocity_sigma < 2.0 * start.velocity_sigma",
+            ),
+            (
+                "velocity_sigma < start.velocity_sigma",
+                "velocity_sigma < 0.5 * start.velocity_sigma",
+            ),
+            ("outliers > start.outlier_share", "outliers > 2.0 * start.outlier_share"),
+            ("outliers > start.outlier_share", "outliers > 0.5 * start.outlier_share"),
+            ("return differs and 2.0", "return False and 2.0"),
+            ("key=lambda batch: batch.error)[:_BEST]", "key=lambda batch: -batch.error)[:_BEST]"),
+        ),
+    ),
+    (
+        "core/config.py",
+        "initialization/test_in_motion",
+        (
+            ("velocity_sigma: float = number(0.04,", "velocity_sigma: float = number(0.08,"),
+            ("velocity_sigma: float = number(0.04,", "velocity_sigma: float = number(0.02,"),
+            ("outlier_share: float = number(0.2,", "outlier_share: float = number(0.4,"),
+            ("outlier_share: float = number(0.2,", "outlier_share: float = number(0.1,"),
+        ),
+    ),
+    (
+        "initialization/closed_form.py",
+        "initialization/test_closed_form",
+        (
+            ("by_centre * (0.5 * t * t)", "by_centre * (t * t)"),
+            ("+ rotations @ body_p_cam", "- rotations @ body_p_cam"),
+            ("bias = bias - step", "bias = bias + step"),
+            ("rough = -_G *", "rough = _G *"),
+        ),
+    ),
+    (
+        "initialization/trial.py",
+        "initialization/test_trial",
+        (
+            ("time + config.trial_time", "time"),
+            ("(1.0 - self._config.trial_min_stay)", "2.0 * (1.0 - self._config.trial_min_stay)"),
+            ("self._config, self._config.trial_share", "self._config, 1.0"),
+        ),
+    ),
+    # Back end.
+    (
+        "backend/landmarks.py",
+        "backend/test_landmarks",
+        (
+            ("jacobian @ self.covariance @", "4.0 * jacobian @ self.covariance @"),
+            ("[outliers, 1.0 - outliers]", "[1.0 - outliers, outliers]"),
+        ),
+    ),
+    (
+        "core/config.py",
+        "backend/test_sliding_window",
+        (
+            ("jump_position: float = number(1.0,", "jump_position: float = number(100.0,"),
+            ("jump_velocity: float = number(3.0,", "jump_velocity: float = number(300.0,"),
+        ),
+    ),
+    (
+        "backend/sliding_window.py",
+        "backend/test_sliding_window",
+        (
+            ("np.eye(3) * start.velocity_sigma**2", "np.eye(3) * 1e-6"),
+            ("[0].knot.time < oldest", "[0].knot.time < oldest - 0.5"),
+        ),
+    ),
+    (
+        "backend/rest_factors.py",
+        "backend/test_sliding_window",
+        (
+            ("Sigma(3, config.velocity_sigma)", "Sigma(3, 100.0 * config.velocity_sigma)"),
+            ("Sigma(6, config.pose_sigma)", "Sigma(6, 100.0 * config.pose_sigma)"),
+        ),
+    ),
+    (
+        "backend/line_factors.py",
+        "backend/test_sliding_window",
+        (
+            ("if cauchy_scale > 0.0:", "if cauchy_scale > 1e9:"),
+            ("math.log(config.prior_distance_factor)", "1e-2"),
+        ),
+    ),
+    (
+        "backend/recovery.py",
+        "backend/test_sliding_window",
+        (("if id(line) not in kept or", "if id(line) in kept or"),),
+    ),
+    # Front end.
+    (
+        "frontend/edge_search.py",
+        "frontend/test_edge_search",
+        (
+            ("0.5 * (lft - rgt)", "0.5 * (rgt - lft)"),
+            ("_APART = 3.0", "_APART = 300.0"),
+            ("LEAST_SUPPORT = 0.35", "LEAST_SUPPORT = 0.0"),
+            ("np.float32(np.sign(ruling.slope))", "np.float32(1.0)"),
+            (">= -_STRIPE_SHARE * middle", ">= -9.0 * middle"),
+        ),
+    ),
+    (
+        "frontend/tracks.py",
+        "frontend/test_tracks",
+        (
+            (
+                "first + gain * a, second + gain * (a + b)",
+                "first - gain * a, second - gain * (a + b)",
+            ),
+            ("self._edges.effective_points / edges.counts", "1.0"),
+            ("sightings[0].stamp < before", "sightings[0].stamp > before"),
+            ("(same >= config.duplicate_cosine) & near", "near"),
+            ("moved.append(abs(float(", "moved.append(-abs(float("),
+        ),
+    ),
+    (
+        "frontend/ruling_prediction.py",
+        "frontend/test_ruling_prediction",
+        (
+            ("(moment - direction @ by_place.T) @ R", "(moment + direction @ by_place.T) @ R"),
+            ("ends + moved[..., None]", "ends - moved[..., None]"),
+            ("focal * np.sqrt(np.maximum(variance, 0.0))", "np.sqrt(np.maximum(variance, 0.0))"),
+            ("track.config.sigma_growth**track.misses", "1.0"),
+        ),
+    ),
+)
+
+MUTANTS = tuple(
+    Mutant(file, old, new, (f"tests/ruledgraph/{tests}.py",))
+    for file, tests, changes in _AREAS
+    for old, new in changes
+)
