@@ -32,7 +32,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("bias[3:],\n            bias[:3],", "bias[:3],\n            bias[3:],"),
             ("np.sqrt(np.diag(c))", "np.diag(c)"),
             ("attitude.unrotate(", "attitude.rotate("),
-            ("if estimate.at_knot:", "if not estimate.at_knot:"),
+            ("if estimate.at_node:", "if not estimate.at_node:"),
             ("line.ends.ravel()", "line.ends[::-1].ravel()"),
             ("seconds(line.first_stamp)", "seconds(line.last_stamp)"),
         ),
@@ -177,7 +177,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "backend/test_sliding_window",
         (
             ("np.eye(3) * start.velocity_sigma**2", "np.eye(3) * 1e-6"),
-            ("[0].knot.time < oldest", "[0].knot.time < oldest - 0.5"),
+            ("[0].node.time < oldest", "[0].node.time < oldest - 0.5"),
         ),
     ),
     (
