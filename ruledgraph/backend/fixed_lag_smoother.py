@@ -26,7 +26,7 @@ class FixedLagSmoother:
 
     Args:
         config: lag, updates and when variables are linearised anew.
-        careful: begin with Dogleg and QR.
+        dogleg: begin with Dogleg steps and QR.
     """
 
     def __init__(self, config: WindowConfig, dogleg: bool = False) -> None:

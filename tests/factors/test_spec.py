@@ -107,8 +107,8 @@ def changed(data: dict, name: str, value: object) -> dict:
         (lambda: without(plain_spec(), "keys"), "keys is missing from the spec"),
         (lambda: without(plain_spec(), "arrays", "basis"), "basis is missing from the spec"),
         (lambda: without(plain_spec(), "arrays", "statistics"), "points is missing"),
-        (lambda: changed(plain_spec(), "form", "cube"), "form must be one of state, .*'cube'"),
-        (lambda: changed(plain_spec(), "keys", [1, 2]), "keys: the form 'state' takes 4"),
+        (lambda: changed(plain_spec(), "form", "cube"), "form must be one of node, .*'cube'"),
+        (lambda: changed(plain_spec(), "keys", [1, 2]), "keys: the form 'node' takes 4"),
         (lambda: changed(plain_spec(), "noise", {"type": "X", "archive": ""}), "noise: unknown"),
         (
             lambda: changed(plain_spec(), "noise", {"type": "Unit", "archive": "nonsense"}),

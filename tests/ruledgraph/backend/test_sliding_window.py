@@ -358,7 +358,7 @@ takes_over = pytest.mark.skipif(
 
 @takes_over
 @pytest.mark.parametrize("solved", [False, True], ids=["at once", "half way"])
-def test_careful_steps_take_over_in_the_middle_of_a_rest(monkeypatch, solved):
+def test_dogleg_steps_take_over_in_the_middle_of_a_rest(monkeypatch, solved):
     """Several states are new, and factors hold them where the rest began."""
     plain = rested(14, look_every=3)
     solve, calls = FixedLagSmoother._solve, []
@@ -373,7 +373,7 @@ def test_careful_steps_take_over_in_the_middle_of_a_rest(monkeypatch, solved):
 
     monkeypatch.setattr(FixedLagSmoother, "_solve", fails_once)
     window = rested(14, look_every=3)
-    assert [text.count("careful") for text in window.recoveries] == [1]
+    assert [text.count("Dogleg") for text in window.recoveries] == [1]
     # Of the place; a tilt seems better known, as lines are linearised anew where they are by now.
     ours, theirs = window.newest, plain.newest
     assert error_of(ours.state.pose(), theirs.state.pose()) < 0.002
@@ -382,11 +382,11 @@ def test_careful_steps_take_over_in_the_middle_of_a_rest(monkeypatch, solved):
 
 
 @takes_over
-def test_an_indeterminate_system_is_solved_by_careful_steps_and_nothing_is_lost(monkeypatch):
+def test_an_indeterminate_system_is_solved_by_dogleg_steps_and_nothing_is_lost(monkeypatch):
     made = ideal_tracks(3, hand_held(np.random.default_rng(3)))
     short = ["window.lag=0.6", "window.state_interval=0.1", "start.window=0.5"]
     # So that there are marginals to take over, and that it is fast again soon.
-    config = load_config(None, [*short, "window.careful_updates=3"])
+    config = load_config(None, [*short, "window.dogleg_updates=3"])
     plain, _ = run_window(made, config)
     solve, calls = FixedLagSmoother._solve, []
 
