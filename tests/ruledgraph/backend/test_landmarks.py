@@ -17,7 +17,7 @@ def test_the_covariance_of_a_lines_ends_is_that_of_drawn_lines():
     root = 1e-3 * rng.normal(size=(4, 4))
     line = Landmark(1, 1, chart, np.zeros(4), root @ root.T, 0, 0, 0.0)
     extent = np.array([-0.6, 0.5])
-    line.note_reach(extent)
+    line.record_extent(extent)
     estimate = line.estimate(0.05)
     assert estimate is not None
     count = 4_000
