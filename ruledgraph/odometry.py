@@ -144,6 +144,4 @@ class Odometry(Output):
                 return
         if segments.current is not None:
             self.status = segments.current.report(now, lines, due)
-        self._stages.forget(
-            now.time - max(self.config.start.window, self.config.window.lag) - _SPARE
-        )
+        self._stages.forget(now.time - self._kept)

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
+from ruledgraph.backend.start import Start
 from ruledgraph.calibration.sensors import D435I_LIKE, Calibration, CameraModel
 from ruledgraph.core.line_observations import LineTrack, Sighting
+from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph.simulation.edges import observe_segment
@@ -75,6 +77,24 @@ def ideal_tracks(
         )
         tracks.append(LineTrack(number, 0.0, True, sightings))
     return IdealTracks(motion, imu, bias, times, tracks)
+
+
+def start_of(
+    made: IdealTracks, velocity_error: float = 0.0, time_offset: TimeOffset | None = None
+) -> Start:
+    """At the truth but for the velocity, m/s along each axis."""
+    velocity = made.motion.velocity(0.0) + velocity_error
+    return Start(
+        stamp=0,
+        time=0.0,
+        state=gtsam.NavState(made.motion.pose(0.0), velocity),
+        bias=gtsam.imuBias.ConstantBias(),
+        pose_covariance=np.diag(np.square([0.02, 0.02, 1e-4, 1e-4, 1e-4, 1e-4])),
+        velocity_sigma=0.1,
+        bias_sigmas=np.repeat([0.05, 0.01], 3),
+        lines={},
+        time_offset=time_offset,
+    )
 
 
 def at_rest(duration: float) -> SplineMotion:

@@ -4,9 +4,12 @@
 
 import dataclasses
 from functools import cache
+from pathlib import Path
 
+from ruledgraph.calibration import write_kalibr
 from ruledgraph.calibration.sensors import Calibration, CameraModel
 from ruledgraph.core.measurements import Frame, Measurement
+from ruledgraph.recording import write_recording
 from ruledgraph.simulation import D435I, Simulation, simulate
 
 _CAMERA = D435I.camera
@@ -41,3 +44,11 @@ def small_stream(
 
 def frames(measurements) -> list[Frame]:
     return [m for m in measurements if isinstance(m, Frame)]
+
+
+def write_small_recording(folder: Path) -> Path:
+    """`small_stream` as a bag, with `calib.yaml` beside it."""
+    stream, calibration = small_stream()
+    write_recording(stream, folder / "small.bag", "rosbag1")
+    write_kalibr(calibration, folder / "calib.yaml")
+    return folder / "small.bag"

@@ -9,14 +9,14 @@
 Every case runs in a process of its own with a time limit. A row has the ATE (evo's, SE(3)-aligned,
 of the live trajectory, mm); the worst live error, in the world of each segment's beginning; `3s`,
 that error by the three sigmas that were reported with it (the largest; above 1 is beyond; 2.9 % of
-all may be, were all well), and the shares of frames: beyond 3 sigma, and `untold`: beyond 3 sigma,
-wrong by more than 30 mm, and not called dead reckoning or degraded. The verdict:
+all may be, were all well), and the shares of frames: beyond 3 sigma, and `unreported`: beyond 3
+sigma, wrong by more than 30 mm, and not called dead reckoning or degraded. The verdict:
 
 - good: no worse than three times the clean run and 10 mm;
 - worse: off, and its covariance says so;
 - told: off beyond what its covariance says, but no more than 5 % of the frames more than in the
-  clean run are untold;
-- UNTOLD: more than that;
+  clean run are unreported;
+- UNREPORTED: more than that;
 - none: no estimate, and a warning says why;
 - CRASH, HANG.
 
@@ -56,8 +56,8 @@ from ruledgraph.recording.inertial import mark_gaps
 # What ground truth is uncertain by, m: added to the covariance.
 _TRUTH_SIGMA = 0.003
 # Errors below this (m) are not held against an estimate, whatever its covariance.
-_UNTOLD_ERROR = 0.03
-_UNTOLD_SHARE = 0.05
+_UNREPORTED_ERROR = 0.03
+_UNREPORTED_SHARE = 0.05
 _FEWEST = 3
 # How much of a segment says where it began, s.
 _BEGINNING = 0.3
@@ -155,7 +155,7 @@ def _honesty(segments: Sequence[Segment], truth: GroundTruth) -> dict[str, float
         "worst": 1e3 * float(e.max()),
         "3s": float(r.max()),
         "beyond": float(np.mean(r > 1.0)),
-        "untold": float(np.mean((r > 1.0) & (e > _UNTOLD_ERROR) & ~t)),
+        "unreported": float(np.mean((r > 1.0) & (e > _UNREPORTED_ERROR) & ~t)),
     }
 
 
@@ -185,14 +185,16 @@ def verdict(row: dict[str, Any], clean: dict[str, Any] | None) -> str:
     if "failure" in row:
         return str(row["failure"])
     if "ate" not in row:
-        return "none" if row["warnings"] else "NONE, NOT TOLD"
+        return "none" if row["warnings"] else "NONE, NOT REPORTED"
     faulty = clean is not None and row["fault"] != CLEAN
-    if row["untold"] > _UNTOLD_SHARE + (clean.get("untold", 0.0) if clean and faulty else 0.0):
-        return "UNTOLD"
+    if row["unreported"] > _UNREPORTED_SHARE + (
+        clean.get("unreported", 0.0) if clean and faulty else 0.0
+    ):
+        return "UNREPORTED"
     best = clean["ate"] if clean and "ate" in clean else 0.0
     if row["ate"] <= 3.0 * best + 10.0:
         return "good"
-    return "told" if row["beyond"] > _UNTOLD_SHARE else "worse"
+    return "told" if row["beyond"] > _UNREPORTED_SHARE else "worse"
 
 
 def _attempt(case: Case, source: fault_scenes.Source, answer: Connection) -> None:
@@ -243,7 +245,7 @@ _COLUMNS = {
     "worst": "{worst:.0f}",
     "3s": "{3s:.1f}",
     "beyond": "{beyond:.0%}",
-    "untold": "{untold:.0%}",
+    "unreported": "{unreported:.0%}",
     "status": "{status}",
     "segments": "{segments}",
     "recov.": "{recoveries}",

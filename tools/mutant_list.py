@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Mutant(NamedTuple):
-    """A mistake: a text of a file in `ruledgraph/`, and what is put in its place."""
+    """A mistake: a text of a file in `ruledgraph/`, and what is put in its position."""
 
     file: str
     old: str
@@ -62,7 +62,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("(config.gap_turn_rate * gap) ** 2", "(config.gap_turn_rate * gap)"),
             ("M[1, 0] - M[0, 1]", "M[0, 1] - M[1, 0]"),
             ("+ fading * ended.velocity", "- fading * ended.velocity"),
-            ("R.T @ self.place @ R", "self.place"),
+            ("R.T @ self.position @ R", "self.position"),
             ("np.cross(_UP, velocity)", "velocity"),
         ),
     ),
@@ -76,8 +76,8 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("speed * elapsed**2", "speed * elapsed"),
             ("self._excess = max(excess, fading * self._excess)", "self._excess = excess"),
             (
-                "before, self._slide = self._slide, place",
-                "before, self._slide = self._slide, 9 * place",
+                "before, self._slide = self._slide, position",
+                "before, self._slide = self._slide, 9 * position",
             ),
             ("np.outer(self._slide, self._slide)", "np.zeros((3, 3))"),
             ("scale**2", "scale"),

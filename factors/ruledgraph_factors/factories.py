@@ -18,7 +18,7 @@ from ruledgraph_factors.factor import RuledSurfaceFactor
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.motion import STANDARD_GRAVITY, FrameMotion
 from ruledgraph_factors.observations import GeometricPoints, ReprojectionPoints
-from ruledgraph_factors.spec import RuledSurfaceSpec
+from ruledgraph_factors.spec import Form, RuledSurfaceSpec
 from ruledgraph_factors.validation import positive_number
 
 Points: TypeAlias = GeometricPoints | ReprojectionPoints
@@ -62,17 +62,8 @@ def ruled_surface_factor(
     Source: Zhu, Burner, Aloimonos, arXiv 2512.00327, Eq. 8 to 15, with the inertial motion
     expressed by a state.
     """
-    spec = RuledSurfaceSpec(
-        form="node",
-        keys=(pose_key, velocity_key, bias_key, line_key),
-        noise_model=noise_model,
-        chart=chart,
-        motion=motion,
-        points=points,
-        body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
-        gravity=np.asarray(gravity),
-    )
-    return RuledSurfaceFactor(spec)
+    keys = pose_key, velocity_key, bias_key, line_key
+    return _factor("node", noise_model, keys, motion, chart, points, body_T_cam, gravity)
 
 
 def ruled_surface_factor_with_time_offset(
@@ -99,17 +90,9 @@ def ruled_surface_factor_with_time_offset(
     Source: the frame's own motion in place of Li and Mourikis, "Online temporal calibration for
     camera-IMU systems", IJRR 2014, who shift the camera's pose likewise.
     """
-    spec = RuledSurfaceSpec(
-        form="node_time_offset",
-        keys=(pose_key, velocity_key, bias_key, time_key, line_key),
-        noise_model=noise_model,
-        chart=chart,
-        motion=motion,
-        points=points,
-        body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
-        gravity=np.asarray(gravity),
-    )
-    return RuledSurfaceFactor(spec)
+    keys = pose_key, velocity_key, bias_key, time_key, line_key
+    rest = motion, chart, points, body_T_cam, gravity
+    return _factor("node_time_offset", noise_model, keys, *rest)
 
 
 def ruled_surface_factor_with_extrinsics(
@@ -129,17 +112,8 @@ def ruled_surface_factor_with_extrinsics(
     Takes `extrinsics_key` (Pose3, body_T_cam) in place of `body_T_cam`; for all else see
     `ruled_surface_factor`. Each camera of a rig has a key of its own; all may see the same line.
     """
-    spec = RuledSurfaceSpec(
-        form="node_extrinsics",
-        keys=(pose_key, velocity_key, bias_key, extrinsics_key, line_key),
-        noise_model=noise_model,
-        chart=chart,
-        motion=motion,
-        points=points,
-        body_T_cam=gtsam.Pose3(),
-        gravity=np.asarray(gravity),
-    )
-    return RuledSurfaceFactor(spec)
+    keys = pose_key, velocity_key, bias_key, extrinsics_key, line_key
+    return _factor("node_extrinsics", noise_model, keys, motion, chart, points, None, gravity)
 
 
 def ruled_surface_factor_with_gravity_direction(
@@ -161,18 +135,10 @@ def ruled_surface_factor_with_gravity_direction(
     `gravity_magnitude` (m/s^2), as GTSAM's `CombinedImuFactorWithGravityDirection`; for all else
     see `ruled_surface_factor`.
     """
-    magnitude = positive_number("gravity_magnitude", gravity_magnitude)
-    spec = RuledSurfaceSpec(
-        form="node_gravity_direction",
-        keys=(pose_key, velocity_key, bias_key, gravity_key, line_key),
-        noise_model=noise_model,
-        chart=chart,
-        motion=motion,
-        points=points,
-        body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
-        gravity=np.array([0.0, 0.0, -magnitude]),
-    )
-    return RuledSurfaceFactor(spec)
+    down = [0.0, 0.0, -positive_number("gravity_magnitude", gravity_magnitude)]
+    keys = pose_key, velocity_key, bias_key, gravity_key, line_key
+    rest = motion, chart, points, body_T_cam, down
+    return _factor("node_gravity_direction", noise_model, keys, *rest)
 
 
 def ruled_surface_factor_with_gravity_vector(
@@ -192,17 +158,8 @@ def ruled_surface_factor_with_gravity_vector(
     Takes `gravity_key` (Vector3, world gravity in m/s^2), as GTSAM's
     `CombinedImuFactorWithGravityVector`; for all else see `ruled_surface_factor`.
     """
-    spec = RuledSurfaceSpec(
-        form="node_gravity_vector",
-        keys=(pose_key, velocity_key, bias_key, gravity_key, line_key),
-        noise_model=noise_model,
-        chart=chart,
-        motion=motion,
-        points=points,
-        body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
-        gravity=np.array(STANDARD_GRAVITY),
-    )
-    return RuledSurfaceFactor(spec)
+    keys = pose_key, velocity_key, bias_key, gravity_key, line_key
+    return _factor("node_gravity_vector", noise_model, keys, motion, chart, points, body_T_cam)
 
 
 def ruled_surface_pose_factor(
@@ -218,17 +175,9 @@ def ruled_surface_pose_factor(
     `pose_key` (Pose3) is world_T_body, or world_T_cam without `body_T_cam`; `points` hold that one
     frame. For all else see `ruled_surface_factor`.
     """
-    spec = RuledSurfaceSpec(
-        form="pose",
-        keys=(pose_key, line_key),
-        noise_model=noise_model,
-        chart=chart,
-        motion=FrameMotion.at_rest(),
-        points=points,
-        body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
-        gravity=np.array(STANDARD_GRAVITY),
-    )
-    return RuledSurfaceFactor(spec)
+    keys = pose_key, line_key
+    rest = FrameMotion.at_rest()
+    return _factor("pose", noise_model, keys, rest, chart, points, body_T_cam)
 
 
 def ruled_surface_pose_factor_with_extrinsics(
@@ -243,14 +192,28 @@ def ruled_surface_pose_factor_with_extrinsics(
 
     Takes `extrinsics_key` (Pose3, body_T_cam) in place of `body_T_cam`.
     """
+    keys = pose_key, extrinsics_key, line_key
+    return _factor("pose_extrinsics", noise_model, keys, FrameMotion.at_rest(), chart, points)
+
+
+def _factor(
+    form: Form,
+    noise_model: noiseModel.Base,
+    keys: tuple[int, ...],
+    motion: FrameMotion,
+    chart: LineChart,
+    points: Points,
+    body_T_cam: gtsam.Pose3 | None = None,
+    gravity: ArrayLike = STANDARD_GRAVITY,
+) -> RuledSurfaceFactor:
     spec = RuledSurfaceSpec(
-        form="pose_extrinsics",
-        keys=(pose_key, extrinsics_key, line_key),
+        form=form,
+        keys=keys,
         noise_model=noise_model,
         chart=chart,
-        motion=FrameMotion.at_rest(),
+        motion=motion,
         points=points,
-        body_T_cam=gtsam.Pose3(),
-        gravity=np.array(STANDARD_GRAVITY),
+        body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
+        gravity=np.asarray(gravity),
     )
     return RuledSurfaceFactor(spec)

@@ -4,13 +4,15 @@
 
 import signal
 import threading
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any
+
+from ruledgraph.core.context import Closing
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-class CaughtSignals:
+class CaughtSignals(Closing):
     """While it is entered, the first SIGINT, SIGTERM or SIGHUP is noted; a second one acts as ever.
 
     Python lets the main thread alone handle signals; in another one nothing is caught.
@@ -26,19 +28,12 @@ class CaughtSignals:
             self._before = {number: signal.signal(number, self._note) for number in _SIGNALS}
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._restore()
-
-    def _note(self, number: int, _frame: FrameType | None) -> None:
-        self.number = number
-        self._restore()
-
-    def _restore(self) -> None:
+    def close(self) -> None:
+        """Handle signals as before."""
         while self._before:
             number, handler = self._before.popitem()
             signal.signal(number, handler)
+
+    def _note(self, number: int, _frame: FrameType | None) -> None:
+        self.number = number
+        self.close()

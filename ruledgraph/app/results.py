@@ -6,7 +6,6 @@ import csv
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
@@ -14,6 +13,7 @@ import numpy as np
 from ruledgraph.app.line_files import write_obj, write_ply
 from ruledgraph.app.trajectory_files import TRAJECTORY_FORMATS, TrajectoryFormat
 from ruledgraph.core.config import Config
+from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.settings import config_text
@@ -56,7 +56,7 @@ class ResultsError(RuledgraphError):
     """A folder that cannot take the results."""
 
 
-class Results:
+class Results(Closing):
     """The files of a run, in a folder of their own.
 
     - `trajectory_live.tum`: world_T_body at each frame as known at its time;
@@ -118,15 +118,8 @@ class Results:
         text = json.dumps(summary, indent=2, allow_nan=False)
         (self.folder / "summary.json").write_text(text + "\n", encoding="utf-8")
 
-    def __enter__(self) -> "Results":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Close the tables and write the files of lines."""
         for file in (self._live, self._smoothed, self._states_file, self._lines_file):
             file.close()
         for more in (*self._more_live, *self._more_smoothed):

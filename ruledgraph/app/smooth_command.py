@@ -26,7 +26,6 @@ from rich.progress import (
 )
 
 from ruledgraph.app.calibration_choice import calibration_for
-from ruledgraph.app.likely_causes import likely_causes
 from ruledgraph.app.options import make_way
 from ruledgraph.app.run_summary import summary_text
 from ruledgraph.app.runner import NO_ESTIMATE, Record, Solver, Watch, run
@@ -139,7 +138,7 @@ def smooth_command(
             inputs=_inputs(
                 recording, calibration_files, ground_truth, choice | {"time_offset": time_offset}
             ),
-            causes=lambda: likely_causes(recording, calibration, choice),
+            causes=lambda: _causes(recording, calibration, choice),
             warnings=lambda: source.report.warnings,
             record=_record(records) if records else None,
             formats=formats,
@@ -184,6 +183,12 @@ def _of_its_size(
         if isinstance(measurement, Frame):
             break
     yield from rest
+
+
+def _causes(recording: Path, calibration: Calibration, choice: dict[str, Any]) -> list[str]:
+    from ruledgraph.app.likely_causes import likely_causes
+
+    return likely_causes(recording, calibration, choice)
 
 
 def _record(records: Sequence[Record]) -> Record:

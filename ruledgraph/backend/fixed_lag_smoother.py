@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 
 import gtsam
 import numpy as np
-from scipy.linalg import block_diag
 
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import WindowConfig
@@ -158,6 +157,8 @@ class FixedLagSmoother:
                 blocks = [[joint.at(i, j) for j in keys] for i in keys]
                 found = np.block(blocks)
             else:  # the pre-release of GTSAM 4.3: without what lies between the variables
+                from scipy.linalg import block_diag
+
                 found = block_diag(*(self._smoother.marginalCovariance(key) for key in keys))
         except (RuntimeError, IndexError):
             return None

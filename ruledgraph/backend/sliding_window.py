@@ -9,7 +9,6 @@ from collections.abc import Iterable, Sequence
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
-from scipy.linalg import block_diag
 
 from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother, SmootherError
 from ruledgraph.backend.graph_update import GraphUpdate
@@ -23,6 +22,7 @@ from ruledgraph.backend.states import Interval, StateNode, add_priors
 from ruledgraph.backend.time_offset import OffsetLink
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
+from ruledgraph.core.estimates import blocks
 from ruledgraph.core.line_observations import LineTrack
 from ruledgraph.imu.buffer import ImuBuffer
 
@@ -40,11 +40,11 @@ class Window:
         self._config = config
         self._imu_noise = calibration.imu_noise
         self._smoother = self._fresh_smoother()
-        covariance = block_diag(
-            start.pose_covariance,
-            np.eye(3) * start.velocity_sigma**2,
-            np.diag(np.square(start.bias_sigmas)),
-        )
+        covariance = np.zeros((15, 15))
+        of_pose, of_velocity, of_bias = blocks(covariance)
+        of_pose[:] = start.pose_covariance
+        of_velocity[:] = np.eye(3) * start.velocity_sigma**2
+        of_bias[:] = np.diag(np.square(start.bias_sigmas))
         first = StateNode(0, start.time, start.state, start.bias, covariance)
         self.time_offset = start.time_offset
         """Beyond the calibration's, as of the newest interval, when it is estimated."""

@@ -44,18 +44,19 @@ class CameraClock:
         self.offset = offset.moved(self._calibrated)
         if not confirmed:
             return
-        if message := concern(self._sensors.correction, offset, self._calibrated, self._config):
+        correction, config = self._sensors.correction, self._config
+        if message := offset_warning(correction, offset, self._calibrated, config):
             self._warnings.once("time offset", message)
-        self._sensors.correction = followed(self._sensors.correction, offset, self._config)
+        self._sensors.correction = corrected_offset(correction, offset, config)
 
 
-def followed(correction: float, offset: TimeOffset, config: TimeOffsetConfig) -> float:
+def corrected_offset(correction: float, offset: TimeOffset, config: TimeOffsetConfig) -> float:
     """The correction for the frames to come."""
     step = config.max_step
     return correction + float(np.clip(offset.value - correction, -step, step))
 
 
-def concern(
+def offset_warning(
     correction: float, offset: TimeOffset, calibrated: float, config: TimeOffsetConfig
 ) -> str | None:
     """What to warn of: an offset that is well known and far from the calibration's, s."""

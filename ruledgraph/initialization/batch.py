@@ -62,7 +62,7 @@ class Seen(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class FirstWindow:
     """What a start in motion is made from."""
 
     samples: ImuSamples
@@ -85,7 +85,7 @@ class Batch:
     when it is estimated, the time offset. The pose's position and yaw are fixed.
     """
 
-    def __init__(self, window: Window, gyroscope_bias: FloatArray) -> None:
+    def __init__(self, window: FirstWindow, gyroscope_bias: FloatArray) -> None:
         self._window = window
         self._shift, self._shift_key = unknown_offset(window.config), _LINES + len(window.seen)
         bias = gtsam.imuBias.ConstantBias(np.zeros(3), gyroscope_bias)
@@ -104,7 +104,9 @@ class Batch:
         self.error = np.inf
 
     @classmethod
-    def at_distance(cls, window: Window, gyroscope_bias: FloatArray, distance: float) -> "Batch":
+    def at_distance(
+        cls, window: FirstWindow, gyroscope_bias: FloatArray, distance: float
+    ) -> "Batch":
         """From no velocity, and all lines so far away, m."""
         batch = cls(window, gyroscope_bias)
         batch._set_state(batch._upright, np.zeros(3))
@@ -117,7 +119,7 @@ class Batch:
 
     @classmethod
     def from_closed_form(
-        cls, window: Window, gyroscope_bias: FloatArray, found: ClosedForm
+        cls, window: FirstWindow, gyroscope_bias: FloatArray, found: ClosedForm
     ) -> "Batch":
         """From the linear solution."""
         batch = cls(window, gyroscope_bias)

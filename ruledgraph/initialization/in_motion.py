@@ -17,7 +17,7 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.initialization.batch import ROUGH, Batch, Seen, Window
+from ruledgraph.initialization.batch import ROUGH, Batch, FirstWindow, Seen
 from ruledgraph.initialization.closed_form import Planes, closed_form, gyroscope_bias
 from ruledgraph.initialization.prior import (
     Refusal,
@@ -72,14 +72,14 @@ def start_in_motion(
     if len(seen) < _FEWEST_LINES:
         return Refusal(f"{len(seen)} lines were followed long enough, {_FEWEST_LINES} are needed")
     samples = imu.between(times[0], times[-1])
-    window = Window(samples, list(times[::step]), seen, calibration, config)
+    window = FirstWindow(samples, list(times[::step]), seen, calibration, config)
     best = solved(window)
     if not best:
         return Refusal("no start converged")
     return _judged(best, window, stamps[0])
 
 
-def solved(window: Window) -> list[Batch]:
+def solved(window: FirstWindow) -> list[Batch]:
     """The best hypotheses, best first."""
     rough = filter(None, (_tried(_rounds, make) for make in _hypotheses(window)))
     best = sorted(rough, key=lambda batch: batch.error)[:_BEST]
@@ -87,7 +87,7 @@ def solved(window: Window) -> list[Batch]:
     return sorted(polished, key=lambda batch: batch.error)
 
 
-def _hypotheses(window: Window) -> Iterator[Callable[[], Batch]]:
+def _hypotheses(window: FirstWindow) -> Iterator[Callable[[], Batch]]:
     start, body_T_cam = window.config.start, window.calibration.body_T_cam
     body_R_cam, arm = body_T_cam.rotation().matrix(), body_T_cam.translation()
     planes = [
@@ -127,7 +127,7 @@ def _tried(solve: Callable[[_T], Batch], given: _T) -> Batch | None:
         return None
 
 
-def _judged(best: Sequence[Batch], window: Window, stamp: int) -> Start | Refusal:
+def _judged(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start | Refusal:
     """The best hypothesis, if it may be believed."""
     batch, config, start = best[0], window.config, window.config.start
     # As the window will see them.

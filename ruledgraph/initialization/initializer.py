@@ -11,6 +11,7 @@ from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.imu.frame_history import EARLY, FrameTime
 from ruledgraph.initialization.at_rest import start_at_rest
+from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.in_motion import start_in_motion
 from ruledgraph.initialization.prior import Refusal
 from ruledgraph.integrity.segment import Stages
@@ -26,14 +27,9 @@ class FirstFrames(NamedTuple):
 class Initializer:
     """Tries to begin a trajectory segment from what was seen so far, at rest or in motion."""
 
-    def __init__(
-        self,
-        calibration: Calibration,
-        config: Config,
-        stages: Stages,
-    ) -> None:
+    def __init__(self, calibration: Calibration, clock_search: ClockSearch, stages: Stages) -> None:
         self._calibration = calibration
-        self._config = config
+        self._clock_search = clock_search
         self._sensors = stages.sensors
         self._front_end = stages.front_end
         self._rest = stages.rest
@@ -52,14 +48,13 @@ class Initializer:
         """Whether it is time for another attempt, s."""
         return time - self._last_attempt >= self._config.start.between_attempts - EARLY
 
-    def attempt(self, now: FrameTime, config: Config) -> FirstFrames | None:
-        """A start at the latest frame, if what was seen allows one; says why if it does not.
+    @property
+    def _config(self) -> Config:
+        """With what is known of the time offset by now."""
+        return self._clock_search.config
 
-        Args:
-            now: that frame.
-            config: all settings, with what is known of the time offset by now.
-        """
-        self._config = config
+    def attempt(self, now: FrameTime) -> FirstFrames | None:
+        """A start at the latest frame, if what was seen allows one; says why if it does not."""
         if not self.is_due(now.time):
             return None
         found = self._at_rest(now) if self._rest.is_still(now.time) else self._in_motion(now)

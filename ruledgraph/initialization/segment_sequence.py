@@ -24,9 +24,9 @@ class SegmentSequence:
         """None before a start, and between a segment's end and the next start."""
         self.last_believed: Ended | None = None
         """The last that was known before the segment; the next one begins there."""
-        self.initializer = Initializer(calibration, config, stages)
         self.clock_search = ClockSearch(calibration, config, stages.output.warnings)
         """Of the time offset, by how the images turn."""
+        self.initializer = Initializer(calibration, self.clock_search, stages)
         self._calibration = calibration
         self._config = config
         self._stages = stages
@@ -59,7 +59,7 @@ class SegmentSequence:
         """Begin a segment if what was seen so far allows it."""
         if self.initializer.is_due(now.time) and self._search_clock(now.time):
             return False
-        first = self.initializer.attempt(now, self.clock_search.config)
+        first = self.initializer.attempt(now)
         if first is None:
             return False
         start, drift = first.start, Drift()

@@ -35,7 +35,7 @@ class IntegrityMonitor:
     """Judges a segment state by state.
 
     Args:
-        drift: what is open of the segment's place and heading from the beginning.
+        drift: what is open of the segment's position and heading from the beginning.
         warnings: where to tell.
         config: all settings.
     """
@@ -48,8 +48,8 @@ class IntegrityMonitor:
         # Of the window's covariances: the share that stays where lines fit better than they should,
         # and how many times as large they are for all that is wrong.
         self._fit = self._excess = 1.0
-        # In the world: the place's covariance by the window so far, and what it grew by.
-        self._record = self._open_place = np.zeros((3, 3))
+        # In the world: the position's covariance by the window so far, and what it grew by.
+        self._record = self._open_position = np.zeros((3, 3))
         self._contradiction = False
         self._misfit = 0.0
         self._misfit_since: float | None = None
@@ -59,7 +59,7 @@ class IntegrityMonitor:
         self._time = 0.0
         self._rest: FloatArray | None = None
         self._slide = np.zeros(3)
-        # What is open of place and heading for all that is known by now.
+        # What is open of position and heading for all that is known by now.
         self._open = drift
         self.disagree = False
         """Whether images and IMU do, or lines and estimate."""
@@ -84,9 +84,9 @@ class IntegrityMonitor:
         self._inflate(window.newest, excess, elapsed)
         self._look_at_directions(window)
         self._watch_rest(window.newest.state.position(), still)
-        more = self._open_place - (self._excess - 1.0) * _of_place(window.newest)
-        place = self._drift.place + self._open_along() + self._slid() + more
-        self._open = replace(self._drift, place=place)
+        more = self._open_position - (self._excess - 1.0) * _of_position(window.newest)
+        position = self._drift.position + self._open_along() + self._slid() + more
+        self._open = replace(self._drift, position=position)
 
     def covariances(
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
@@ -142,22 +142,24 @@ class IntegrityMonitor:
 
     def _inflate(self, node: StateNode, excess: float, elapsed: float) -> None:
         disagreed, self.disagree = self.disagree, self._contradiction or self.misfits
-        place = _of_place(node)
+        position = _of_position(node)
         if disagreed and not self.disagree:
             # What went wrong meanwhile stays.
             up = node.state.attitude().matrix().T @ _UP
             self._drift = self._drift.grown(
-                _enclosing(self._open_place, (self._excess - 1.0) * place),
+                _enclosing(self._open_position, (self._excess - 1.0) * position),
                 (self._excess - 1.0) * float(up @ node.covariances[0][:3, :3] @ up),
                 node.state.position(),
             )
-            self._excess, self._open_place = 1.0, np.zeros((3, 3))
+            self._excess, self._open_position = 1.0, np.zeros((3, 3))
         fading = 1.0 if self.disagree else float(np.exp(-elapsed / self._config.fade_time))
         self._excess = max(excess, fading * self._excess)
-        # What went wrong with the place stays: as much as now, and what comes as it drifts on.
-        record = _enclosing(self._record, place)
+        # What went wrong with the position stays: as much as now, and what comes as it drifts on.
+        record = _enclosing(self._record, position)
         came = (self._excess - 1.0) * (record - self._record)
-        self._open_place = _enclosing(self._open_place + came, (self._excess - 1.0) * place)
+        self._open_position = _enclosing(
+            self._open_position + came, (self._excess - 1.0) * position
+        )
         self._record = record
 
     # -- parallel lines --------------------------------------------------------------------------
@@ -169,7 +171,7 @@ class IntegrityMonitor:
         if len(directions) < self._config.min_lines:
             return
         if values[-1] < 1.0 - self._config.parallel_spread:
-            self._drift = replace(self._drift, place=self._drift.place + self._open_along())
+            self._drift = replace(self._drift, position=self._drift.position + self._open_along())
             self._parallel_since = None
             return
         self._along = vectors[:, -1]
@@ -182,7 +184,7 @@ class IntegrityMonitor:
             self._at_first = (speed, force)
 
     def _open_along(self) -> FloatArray:
-        """Covariance of the place that parallel lines leave open since they are parallel."""
+        """Covariance of the position that parallel lines leave open since they are parallel."""
         if self._parallel_since is None or not self.parallel:
             return np.zeros((3, 3))
         elapsed = self._time - self._parallel_since
@@ -192,16 +194,16 @@ class IntegrityMonitor:
 
     # -- rest ------------------------------------------------------------------------------------
 
-    def _watch_rest(self, place: FloatArray, still: bool) -> None:
+    def _watch_rest(self, position: FloatArray, still: bool) -> None:
         """As far as the estimate moves while the body rests, it is wrong, and stays so."""
         if not still:
             if self._rest is not None:
-                self._drift = replace(self._drift, place=self._drift.place + self._slid())
+                self._drift = replace(self._drift, position=self._drift.position + self._slid())
                 self._rest, self._slide = None, np.zeros(3)
             return
         if self._rest is None:
-            self._rest = place
-        before, self._slide = self._slide, place - self._rest
+            self._rest = position
+        before, self._slide = self._slide, position - self._rest
         if np.linalg.norm(before) < self._slide_warning <= np.linalg.norm(self._slide):
             self._warnings.append(
                 f"the estimate has moved by {np.linalg.norm(self._slide):.2f} m at "
@@ -209,7 +211,7 @@ class IntegrityMonitor:
             )
 
     def _slid(self) -> FloatArray:
-        """Covariance of the place that says so."""
+        """Covariance of the position that says so."""
         return np.outer(self._slide, self._slide)
 
 
@@ -252,8 +254,8 @@ def line_scale(window: Window, config: IntegrityConfig) -> float | None:
     return float(np.median(np.abs(offsets))) / _MEDIAN
 
 
-def _of_place(node: StateNode) -> FloatArray:
-    """Covariance of the body's place in the world, as the window gives it."""
+def _of_position(node: StateNode) -> FloatArray:
+    """Covariance of the body's position in the world, as the window gives it."""
     R = node.state.attitude().matrix()
     return np.asarray(R @ node.covariances[0][3:, 3:] @ R.T)
 

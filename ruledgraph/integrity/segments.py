@@ -27,20 +27,20 @@ def heading(ours: FloatArray, other: FloatArray) -> gtsam.Rot3:
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """What is open of a world's place and heading beside what is known within it."""
+    """What is open of a world's position and heading beside what is known within it."""
 
-    place: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
+    position: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
     """Covariance in the world, m^2."""
     heading: float = 0.0
     """Variance, rad^2."""
     about: FloatArray = field(default_factory=lambda: np.zeros(3))
     """Where the heading turns about."""
 
-    def grown(self, place: FloatArray, heading: float, about: FloatArray) -> "Drift":
-        """This and more of both; the heading turns about another place from now on."""
+    def grown(self, position: FloatArray, heading: float, about: FloatArray) -> "Drift":
+        """This and more of both; the heading turns about another position from now on."""
         arm = np.cross(_UP, about - self.about)
         by_heading = self.heading * np.outer(arm, arm)
-        return Drift(self.place + by_heading + place, self.heading + heading, about)
+        return Drift(self.position + by_heading + position, self.heading + heading, about)
 
     def added(
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
@@ -49,7 +49,7 @@ class Drift:
         of_pose, of_velocity, of_bias = covariances
         R = pose.rotation().matrix()
         of_pose = of_pose.copy()
-        of_pose[3:, 3:] += R.T @ self.place @ R
+        of_pose[3:, 3:] += R.T @ self.position @ R
         if self.heading == 0.0:
             return of_pose, of_velocity, of_bias
         arm = np.cross(_UP, pose.translation() - self.about)
@@ -77,11 +77,11 @@ def continued(start: Start, ended: Ended, config: IntegrityConfig) -> tuple[Star
     attitude = ended.pose.rotation().matrix()
     turn = heading(attitude[None], start.state.attitude().matrix()[None])
     fading = config.gap_velocity_time * (1.0 - np.exp(-gap / config.gap_velocity_time))
-    place = ended.pose.translation() + fading * ended.velocity
-    shift = place - turn.rotate(start.state.position())
+    position = ended.pose.translation() + fading * ended.velocity
+    shift = position - turn.rotate(start.state.position())
     of_pose, of_velocity, _ = ended.covariances
     unsure = (gap - fading) * ended.velocity
-    open_place = (
+    open_position = (
         attitude @ of_pose[3:, 3:] @ attitude.T
         + of_velocity * gap**2
         + np.outer(unsure, unsure)
@@ -89,4 +89,4 @@ def continued(start: Start, ended: Ended, config: IntegrityConfig) -> tuple[Star
     )
     up = attitude.T @ _UP
     open_heading = float(up @ of_pose[:3, :3] @ up) + (config.gap_turn_rate * gap) ** 2
-    return start.moved(gtsam.Pose3(turn, shift)), Drift(open_place, open_heading, place)
+    return start.moved(gtsam.Pose3(turn, shift)), Drift(open_position, open_heading, position)

@@ -15,7 +15,7 @@ from ruledgraph.core.estimates import Estimate
 from ruledgraph.evaluation.ground_truth import GroundTruth
 
 CLEAN = {"fault": "none", "ate": 1.0}
-GOOD = {"fault": "blur", "ate": 5.0, "untold": 0.0, "beyond": 0.0}
+GOOD = {"fault": "blur", "ate": 5.0, "unreported": 0.0, "beyond": 0.0}
 
 
 @pytest.mark.parametrize(
@@ -24,9 +24,9 @@ GOOD = {"fault": "blur", "ate": 5.0, "untold": 0.0, "beyond": 0.0}
         (GOOD, "good"),
         (GOOD | {"ate": 50.0}, "worse"),
         (GOOD | {"ate": 50.0, "beyond": 0.5}, "told"),
-        (GOOD | {"ate": 5.0, "beyond": 0.5, "untold": 0.06}, "UNTOLD"),
+        (GOOD | {"ate": 5.0, "beyond": 0.5, "unreported": 0.06}, "UNREPORTED"),
         ({"warnings": {"no start": 3}}, "none"),
-        ({"warnings": {}}, "NONE, NOT TOLD"),
+        ({"warnings": {}}, "NONE, NOT REPORTED"),
         ({"failure": "HANG"}, "HANG"),
     ],
 )
@@ -35,10 +35,13 @@ def test_verdicts(row, expected):
 
 
 def test_what_the_clean_run_does_not_tell_is_no_fault_of_a_fault():
-    row = GOOD | {"untold": 0.12}
-    assert fault_campaign.verdict(row, CLEAN | {"untold": 0.02}) == "UNTOLD"
-    assert fault_campaign.verdict(row, CLEAN | {"untold": 0.1}) == "good"
-    assert fault_campaign.verdict(CLEAN | {"untold": 0.1}, CLEAN | {"untold": 0.1}) == "UNTOLD"
+    row = GOOD | {"unreported": 0.12}
+    assert fault_campaign.verdict(row, CLEAN | {"unreported": 0.02}) == "UNREPORTED"
+    assert fault_campaign.verdict(row, CLEAN | {"unreported": 0.1}) == "good"
+    assert (
+        fault_campaign.verdict(CLEAN | {"unreported": 0.1}, CLEAN | {"unreported": 0.1})
+        == "UNREPORTED"
+    )
 
 
 class Broken:
@@ -78,7 +81,7 @@ def test_errors_are_compared_with_the_covariance_that_came_with_them():
     found = honesty(0.2)
     assert found["worst"] == pytest.approx(200.0)
     assert found["3s"] == pytest.approx(0.2 / 3.0 / np.hypot(0.01, 0.003))
-    assert found["untold"] == found["beyond"] == 0.5
+    assert found["unreported"] == found["beyond"] == 0.5
 
 
 def test_the_cases_have_names_of_their_own(tmp_path):

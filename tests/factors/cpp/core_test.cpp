@@ -16,6 +16,7 @@
 #include "ruledgraph/observations.hpp"
 #include "ruledgraph/ruled_surface.hpp"
 #include "stream.hpp"
+#include "throws.hpp"
 
 namespace {
 
@@ -180,16 +181,6 @@ void preintegration_differentiates_by_the_bias() {
     numeric.col(i) = (integrated(tangent).delta - integrated(-tangent).delta) / (2.0 * step);
   }
   assert(relative_error(integrated(VectorXd::Zero(6)).d_bias, numeric) < 1e-7);
-}
-
-template <typename Call>
-bool throws(const Call& call) {
-  try {
-    call();
-  } catch (const std::invalid_argument&) {
-    return true;
-  }
-  return false;
 }
 
 void wrong_arguments_are_refused() {

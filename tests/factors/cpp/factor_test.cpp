@@ -13,6 +13,7 @@
 
 #include "ruledgraph/gtsam/ruled_surface_factor.hpp"
 #include "stream.hpp"
+#include "throws.hpp"
 
 namespace {
 
@@ -131,16 +132,6 @@ std::string printed(const gtsam::NonlinearFactor& factor) {
   factor.print("one ");
   std::cout.rdbuf(before);
   return text.str();
-}
-
-template <typename Call>
-bool throws(const Call& call) {
-  try {
-    call();
-  } catch (const std::invalid_argument&) {
-    return true;
-  }
-  return false;
 }
 
 void sizes_are_checked() {

@@ -16,20 +16,16 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from ruledgraph.app.cli import main
 from ruledgraph.app.line_files import write_obj, write_ply
 from ruledgraph.app.ros_output import ros_covariances
-from ruledgraph.calibration import write_kalibr
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.trajectory import read_tum
 from ruledgraph.evaluation.sources import read_line_ends, read_poses
-from ruledgraph.recording import write_recording
-from small_simulation import small_stream
+from small_simulation import small_stream, write_small_recording
 
 
 @pytest.fixture(scope="module")
 def outputs(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("outputs")
-    stream, calibration = small_stream()
-    write_recording(stream, folder / "small.bag", "rosbag1")
-    write_kalibr(calibration, folder / "calib.yaml")
+    write_small_recording(folder)
     arguments = [
         *("smooth", folder / "small.bag", "--calibration", folder / "calib.yaml"),
         *("--output", folder / "run", "--ros2-bag", folder / "odom.mcap"),

@@ -73,7 +73,7 @@ def folder(tmp_path) -> Path:
 
 
 def test_columns_of_the_states(folder):
-    (row,) = table(folder / "states.csv")  # of knots alone
+    (row,) = table(folder / "states.csv")  # of states alone
     vectors = {
         "velocity": [4.0, 5.0, 6.0],
         "accelerometer_bias": [0.7, 0.8, 0.9],

@@ -18,13 +18,11 @@ from evo.tools import file_interface
 
 from ruledgraph.app.cli import main
 from ruledgraph.app.runner import run
-from ruledgraph.calibration import write_kalibr
 from ruledgraph.core.config import Config
 from ruledgraph.core.measurements import ImuSample
 from ruledgraph.core.settings import load_config
 from ruledgraph.core.trajectory import Trajectory, read_tum
-from ruledgraph.recording import write_recording
-from small_simulation import frames, small_simulation, small_stream
+from small_simulation import frames, small_simulation, small_stream, write_small_recording
 
 
 def smooth(*arguments: object) -> Result:
@@ -34,9 +32,7 @@ def smooth(*arguments: object) -> Result:
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("recording")
-    stream, calibration = small_stream()
-    write_recording(stream, folder / "small.bag", "rosbag1")
-    write_kalibr(calibration, folder / "calib.yaml")
+    write_small_recording(folder)
     true = small_simulation().ground_truth
     rotations = np.tile([0.0, 0.0, 0.0, 1.0], (len(true.stamps), 1))
     Trajectory(true.stamps, true.position, rotations).write_tum(folder / "truth.tum")

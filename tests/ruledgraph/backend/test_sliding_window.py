@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, V, X
 
-from ideal_tracks import CALIBRATION, MANY, IdealTracks, error_of, ideal_tracks, sighting
+from failing_smoother import fail_updates
+from ideal_tracks import CALIBRATION, MANY, IdealTracks, error_of, ideal_tracks, sighting, start_of
 from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother, SmootherError
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_factors import new_line_factors
 from ruledgraph.backend.sliding_window import Window
-from ruledgraph.backend.start import Start
 from ruledgraph.backend.states import Interval
 from ruledgraph.core.config import Config
 from ruledgraph.core.settings import load_config
@@ -22,25 +22,11 @@ from ruledgraph.imu.buffer import ImuBuffer
 from simulated_window import SplineMotion, hand_held
 
 
-def known_start(made: IdealTracks) -> Start:
-    covariance = np.diag(np.square([0.02, 0.02, 1e-4, 1e-4, 1e-4, 1e-4]))
-    return Start(
-        stamp=0,
-        time=0.0,
-        state=gtsam.NavState(made.motion.pose(0.0), made.motion.velocity(0.0) + 0.05),
-        bias=gtsam.imuBias.ConstantBias(),
-        pose_covariance=covariance,
-        velocity_sigma=0.1,
-        bias_sigmas=np.repeat([0.05, 0.01], 3),
-        lines={},
-    )
-
-
 def run_window(
     made: IdealTracks, config: Config | None = None, still_until: float = 0.0
 ) -> tuple[Window, list[Interval]]:
     """States of three frames each; the window at the end and the intervals that left it."""
-    window = Window(CALIBRATION, config or Config(), known_start(made))
+    window = Window(CALIBRATION, config or Config(), start_of(made, velocity_error=0.05))
     left, tracks = [], made.tracks
     stamps, times = made.stamps[1:], made.times[1:].tolist()
     for first in range(0, len(times), 3):
@@ -123,15 +109,7 @@ def test_nodes_of_clipped_intervals_are_tied_by_their_own_frames(monkeypatch):
 
 def test_a_failing_smoother_is_rebuilt_and_the_run_goes_on(monkeypatch):
     made = ideal_tracks(3, hand_held(np.random.default_rng(3)))
-    update, calls = FixedLagSmoother.update, []
-
-    def fails_twice(self, factors, values, times, check):
-        calls.append(1)
-        if len(calls) in (6, 11):
-            raise SmootherError("Indeterminate linear system detected")
-        return update(self, factors, values, times, check)
-
-    monkeypatch.setattr(FixedLagSmoother, "update", fails_twice)
+    fail_updates(monkeypatch, 6, 11)
     window, _ = run_window(made)
     assert len(window.recoveries) == 2
     assert "Indeterminate" in window.recoveries[0]
@@ -167,15 +145,7 @@ def test_an_estimate_that_jumps_is_not_believed(monkeypatch, position, velocity,
 
 def test_without_any_lines_it_is_rebuilt_from_the_imu(monkeypatch):
     made = ideal_tracks(3, hand_held(np.random.default_rng(3)))
-    update, calls = FixedLagSmoother.update, []
-
-    def fails_with_lines(self, factors, values, times, check):
-        calls.append(1)
-        if len(calls) in (6, 7):
-            raise SmootherError("Indeterminate linear system detected")
-        return update(self, factors, values, times, check)
-
-    monkeypatch.setattr(FixedLagSmoother, "update", fails_with_lines)
+    fail_updates(monkeypatch, 6, 7)
     window, _ = run_window(made)
     assert len(window.recoveries) == 1
     assert error_of(window.newest.state.pose(), made.motion.pose(window.newest.time)) < 0.1
@@ -216,7 +186,9 @@ def rested(steps: int, look_every: int = 0) -> Window:
     motion = SplineMotion(times, np.zeros((11, 3)), np.tile([0.1, -0.2, 0.3], (11, 1)))
     made = ideal_tracks(0, motion, duration=4.5)
     at_rest = gtsam.NavState(motion.pose(0.0), np.zeros(3))
-    window = Window(CALIBRATION, Config(), replace(known_start(made), state=at_rest))
+    window = Window(
+        CALIBRATION, Config(), replace(start_of(made, velocity_error=0.05), state=at_rest)
+    )
     for i in range(1, 9 * steps, 9):
         times = made.times[i : i + 9].tolist()
         looks = look_every > 0 and i // 9 % look_every == 0

@@ -4,14 +4,12 @@
 
 import dataclasses
 
-import gtsam
 import numpy as np
 import pytest
 
-from ideal_tracks import CALIBRATION, IdealTracks, error_of, ideal_tracks
-from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother, SmootherError
+from failing_smoother import fail_updates
+from ideal_tracks import CALIBRATION, IdealTracks, error_of, ideal_tracks, start_of
 from ruledgraph.backend.sliding_window import Window
-from ruledgraph.backend.start import Start
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Estimate
@@ -19,7 +17,7 @@ from ruledgraph.core.measurements import Frame, Gap, Measurement
 from ruledgraph.core.settings import load_config
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.evaluation import alignment
-from ruledgraph.imu.camera_clock import concern, followed
+from ruledgraph.imu.camera_clock import corrected_offset, offset_warning
 from ruledgraph.odometry import Odometry
 from simulated_window import hand_held
 from small_simulation import small_simulation, small_stream
@@ -28,23 +26,9 @@ PRIOR = TimeOffset(0.0, 0.01)
 ON, OFF = (load_config(None, [f"time_offset.estimate={way}"]) for way in ("true", "false"))
 
 
-def start_of(made: IdealTracks) -> Start:
-    return Start(
-        stamp=0,
-        time=0.0,
-        state=gtsam.NavState(made.motion.pose(0.0), made.motion.velocity(0.0)),
-        bias=gtsam.imuBias.ConstantBias(),
-        pose_covariance=np.diag(np.square([0.02, 0.02, 1e-4, 1e-4, 1e-4, 1e-4])),
-        velocity_sigma=0.1,
-        bias_sigmas=np.repeat([0.05, 0.01], 3),
-        lines={},
-        time_offset=PRIOR,
-    )
-
-
 def run_window(made: IdealTracks, offset: float, following: bool = True) -> Window:
     """Frames taken `offset` later than their times say, until these are corrected."""
-    window = Window(CALIBRATION, ON, start_of(made))
+    window = Window(CALIBRATION, ON, start_of(made, time_offset=PRIOR))
     correction = 0.0
     for first in range(1, len(made.times), 3):
         part = slice(first, first + 3)
@@ -53,7 +37,7 @@ def run_window(made: IdealTracks, offset: float, following: bool = True) -> Wind
         window.optimize()
         assert window.time_offset is not None
         if following:
-            correction = followed(correction, window.time_offset, ON.time_offset)
+            correction = corrected_offset(correction, window.time_offset, ON.time_offset)
     return window
 
 
@@ -87,15 +71,7 @@ def test_its_deviation_is_what_it_is_said_to_be():
 
 
 def test_a_smoother_that_is_rebuilt_keeps_the_offset(monkeypatch):
-    update, calls = FixedLagSmoother.update, []
-
-    def fails_twice(self, factors, values, times, check):
-        calls.append(1)
-        if len(calls) in (8, 13):
-            raise SmootherError("Indeterminate linear system detected")
-        return update(self, factors, values, times, check)
-
-    monkeypatch.setattr(FixedLagSmoother, "update", fails_twice)
+    fail_updates(monkeypatch, 8, 13)
     window = run_window(shaken(1), 0.006)
     assert len(window.recoveries) == 2
     value, sigma = window.time_offset
@@ -104,9 +80,11 @@ def test_a_smoother_that_is_rebuilt_keeps_the_offset(monkeypatch):
 
 
 def test_a_correction_follows_in_steps_that_keep_frames_in_order():
-    assert followed(0.001, TimeOffset(0.0015, 1e-4), ON.time_offset) == pytest.approx(0.0015)
-    assert followed(0.001, TimeOffset(0.02, 1e-4), ON.time_offset) == pytest.approx(0.003)
-    assert followed(0.001, TimeOffset(-0.02, 1e-4), ON.time_offset) == pytest.approx(-0.001)
+    assert corrected_offset(0.001, TimeOffset(0.0015, 1e-4), ON.time_offset) == pytest.approx(
+        0.0015
+    )
+    assert corrected_offset(0.001, TimeOffset(0.02, 1e-4), ON.time_offset) == pytest.approx(0.003)
+    assert corrected_offset(0.001, TimeOffset(-0.02, 1e-4), ON.time_offset) == pytest.approx(-0.001)
 
 
 @pytest.mark.parametrize(
@@ -120,7 +98,7 @@ def test_a_correction_follows_in_steps_that_keep_frames_in_order():
     ],
 )
 def test_an_offset_far_from_the_calibration_is_told(correction, offset, warned):
-    message = concern(correction, offset, 0.0021, ON.time_offset)
+    message = offset_warning(correction, offset, 0.0021, ON.time_offset)
     assert (message is not None) == warned
     if message and offset.value > 0.0:
         assert "7.1 ms after" in message

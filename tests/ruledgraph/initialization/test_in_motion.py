@@ -8,7 +8,7 @@ import pytest
 from ideal_tracks import CALIBRATION, MANY, IdealTracks, ideal_tracks, sighting
 from ruledgraph.backend.start import Start
 from ruledgraph.core.config import Config
-from ruledgraph.initialization.batch import Batch, Seen, Window
+from ruledgraph.initialization.batch import Batch, FirstWindow, Seen
 from ruledgraph.initialization.in_motion import solved, start_in_motion
 from ruledgraph.initialization.prior import Refusal
 from ruledgraph.simulation import SplineMotion
@@ -39,11 +39,11 @@ def begun(made: IdealTracks) -> Start | Refusal:
     )
 
 
-def window_of(made: IdealTracks) -> Window:
+def window_of(made: IdealTracks) -> FirstWindow:
     frames = list(range(len(made.times)))
     seen = [Seen(track, frames, list(track.sightings)) for track in made.tracks]
     samples = made.imu.between(made.times[0], made.times[-1])
-    return Window(samples, made.times.tolist(), seen, CALIBRATION, Config())
+    return FirstWindow(samples, made.times.tolist(), seen, CALIBRATION, Config())
 
 
 def tilt_error(attitude: gtsam.Rot3, made: IdealTracks) -> float:

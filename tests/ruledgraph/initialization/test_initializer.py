@@ -12,6 +12,7 @@ from ruledgraph.core.output import Output
 from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.imu.synchronizer import Synchronizer
 from ruledgraph.initialization import initializer as module
+from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.initializer import FirstFrames, Initializer
 from ruledgraph.initialization.prior import Refusal
 from ruledgraph.integrity.rest import RestDetector
@@ -30,7 +31,8 @@ class Run:
         config = Config()
         rest = RestDetector(self.sensors, lambda *_: image_motion, config.rest)
         stages = Stages(self.sensors, front_end, rest, None, self.output)
-        self.initializer = Initializer(CALIBRATION, config, stages)
+        clock_search = ClockSearch(CALIBRATION, config, self.output.warnings)
+        self.initializer = Initializer(CALIBRATION, clock_search, stages)
         both = zip(made.stamps, made.times.tolist(), strict=True)
         self._frames = [FrameTime(stamp, time) for stamp, time in both]
 
@@ -40,7 +42,7 @@ class Run:
         for frame in self._frames:
             if frame.time <= until + 1e-9:
                 self.sensors.frames.append(frame)
-                found.append((frame.time, self.initializer.attempt(frame, Config())))
+                found.append((frame.time, self.initializer.attempt(frame)))
         return found
 
 

@@ -5,9 +5,8 @@ import gtsam
 import numpy as np
 import pytest
 
-from ideal_tracks import CALIBRATION, MANY, ideal_tracks
+from ideal_tracks import CALIBRATION, MANY, ideal_tracks, start_of
 from ruledgraph.backend.sliding_window import Window
-from ruledgraph.backend.start import Start
 from ruledgraph.core.config import Config
 from ruledgraph.core.timing import Messages
 from ruledgraph.imu.buffer import ImuBuffer
@@ -30,17 +29,7 @@ def run(segments=MANY, late: float = 0.0, noise_times: float = 1.0, seed: int = 
         *(noise_times * value for value in vars(CALIBRATION.imu_noise).values())
     )
     calibration = type(CALIBRATION)(CALIBRATION.camera, BODY_T_CAM, noise)
-    start = Start(
-        stamp=0,
-        time=0.0,
-        state=gtsam.NavState(made.motion.pose(0.0), made.motion.velocity(0.0)),
-        bias=gtsam.imuBias.ConstantBias(),
-        pose_covariance=np.diag(np.square([0.02, 0.02, 1e-4, 1e-4, 1e-4, 1e-4])),
-        velocity_sigma=0.1,
-        bias_sigmas=np.repeat([0.05, 0.01], 3),
-        lines={},
-    )
-    window = Window(calibration, Config(), start)
+    window = Window(calibration, Config(), start_of(made))
     warnings = Messages()
     monitor = IntegrityMonitor(Drift(), warnings, Config())
     stamps, times = made.stamps[1:], made.times[1:].tolist()
@@ -55,7 +44,7 @@ def run(segments=MANY, late: float = 0.0, noise_times: float = 1.0, seed: int = 
 
 
 def shown(window: Window, monitor: IntegrityMonitor) -> np.ndarray:
-    """Covariance of the place as it is reported over that of the window."""
+    """Covariance of the position as it is reported over that of the window."""
     state, own = window.newest.state, window.newest.covariances
     reported = monitor.covariances(own, state.pose(), state.velocity())
     return reported[0][3:, 3:] - own[0][3:, 3:]
@@ -173,7 +162,7 @@ def test_covariances_grow_with_how_far_lines_are_from_their_points():
     own = window.newest.covariances[0][3:, 3:]
     np.testing.assert_allclose(shown(window, monitor), 8.0 * own, rtol=1e-3)
     assert warnings == []
-    # What is wrong with the place by then stays, of velocity it is forgotten.
+    # What is wrong with the position by then stays, of velocity it is forgotten.
     window.newest.time += 100.0
     for interval in window.intervals:
         interval.node.time += 100.0

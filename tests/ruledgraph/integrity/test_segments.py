@@ -46,7 +46,7 @@ def test_a_segment_goes_on_where_the_last_one_ended(mounting):
     start, drift = continued(fresh, ended, LIMITS)
     assert start.state.attitude().equals(pose.rotation(), 1e-6)
     np.testing.assert_allclose(start.state.position(), [1.003, 2.0, 3.0], atol=1e-4)
-    assert np.sqrt(np.trace(drift.place)) < 0.01
+    assert np.sqrt(np.trace(drift.position)) < 0.01
 
 
 def test_what_a_gap_leaves_open_grows_with_it():
@@ -56,8 +56,8 @@ def test_what_a_gap_leaves_open_grows_with_it():
     for gap in (0.1, 1.0, 5.0):
         start, drift = continued(start_at(gtsam.Pose3(), 10.0 + gap), ended, LIMITS)
         off = start.state.position() - (pose.translation() + gap * ended.velocity)
-        assert off @ np.linalg.solve(drift.place, off) < 1.5  # had it gone on as it went
-        sigmas.append([np.sqrt(np.trace(drift.place)), np.sqrt(drift.heading)])
+        assert off @ np.linalg.solve(drift.position, off) < 1.5  # had it gone on as it went
+        sigmas.append([np.sqrt(np.trace(drift.position)), np.sqrt(drift.heading)])
     assert np.all(np.diff(sigmas, axis=0) > 0.0)
 
 
@@ -69,7 +69,7 @@ def test_what_is_open_of_the_last_velocity_opens_the_place_over_a_gap():
     ended = Ended(10.0, pose, np.zeros(3), (of_pose, of_velocity, np.eye(6)))
     certain = IntegrityConfig(gap_acceleration=0.0, gap_turn_rate=0.0)
     _, drift = continued(start_at(gtsam.Pose3(), 12.0), ended, certain)
-    np.testing.assert_allclose(drift.place, R @ of_pose[3:, 3:] @ R.T + 4.0 * of_velocity)
+    np.testing.assert_allclose(drift.position, R @ of_pose[3:, 3:] @ R.T + 4.0 * of_velocity)
     assert drift.heading == pytest.approx(1e-6)
 
 
@@ -77,7 +77,7 @@ def test_what_a_gap_leaves_open_by_its_settings():
     ended = Ended(10.0, gtsam.Pose3(), np.zeros(3), tuple(0.0 * c for c in CERTAIN))
     _, drift = continued(start_at(gtsam.Pose3(), 12.0), ended, LIMITS)
     # Half an acceleration of 1 m/s^2 over 2 s, and a turn of 0.3 rad/s.
-    np.testing.assert_allclose(drift.place, 4.0 * np.eye(3))
+    np.testing.assert_allclose(drift.position, 4.0 * np.eye(3))
     assert drift.heading == pytest.approx(0.36)
 
 
@@ -85,13 +85,13 @@ def test_drift_in_covariances():
     """By many worlds that are off as it says."""
     rng = np.random.default_rng(0)
     pose = gtsam.Pose3(gtsam.Rot3.RzRyRx(0.5, -0.8, 2.0), np.array([3.0, 1.0, 0.5]))
-    velocity, place = np.array([1.0, 2.0, 0.0]), np.diag([1e-4, 4e-4, 1e-6])
-    drift = Drift(place, 1e-4, np.array([1.0, 0.0, 0.0]))
+    velocity, position = np.array([1.0, 2.0, 0.0]), np.diag([1e-4, 4e-4, 1e-6])
+    drift = Drift(position, 1e-4, np.array([1.0, 0.0, 0.0]))
     of_pose, of_velocity, _ = drift.added(CERTAIN, pose, velocity)
     errors, changes = [], []
     for _ in range(20_000):
         turn = gtsam.Rot3.Yaw(1e-2 * rng.normal())
-        shift = rng.multivariate_normal(np.zeros(3), place) + drift.about
+        shift = rng.multivariate_normal(np.zeros(3), position) + drift.about
         world = gtsam.Pose3(turn, shift - turn.rotate(drift.about))
         errors.append(pose.localCoordinates(world * pose))
         changes.append(turn.rotate(velocity) - velocity)

@@ -13,12 +13,10 @@ import pytest
 from click.testing import CliRunner, Result
 
 from ruledgraph.app.cli import main
-from ruledgraph.calibration import write_kalibr
 from ruledgraph.core.measurements import Frame
 from ruledgraph.core.trajectory import read_tum
-from ruledgraph.recording import write_recording
 from ruledgraph.visualization.rerun_log import RerunError, RerunLog
-from small_simulation import small_stream
+from small_simulation import small_stream, write_small_recording
 
 
 def smooth(recording: Path, *arguments: object) -> Result:
@@ -31,10 +29,7 @@ def smooth(recording: Path, *arguments: object) -> Result:
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("recording")
-    stream, calibration = small_stream()
-    write_recording(stream, folder / "small.bag", "rosbag1")
-    write_kalibr(calibration, folder / "calib.yaml")
-    return folder / "small.bag"
+    return write_small_recording(folder)
 
 
 def read_back(path: Path) -> dict[str, dict[str, list]]:
