@@ -14,7 +14,7 @@ sigma, wrong by more than 30 mm, and not called dead reckoning or degraded. The 
 
 - good: no worse than three times the clean run and 10 mm;
 - worse: off, and its covariance says so;
-- told: off beyond what its covariance says, but no more than 5 % of the frames more than in the
+- reported: off beyond what its covariance says, but no more than 5 % of the frames more than in the
   clean run are unreported;
 - UNREPORTED: more than that;
 - none: no estimate, and a warning says why;
@@ -138,7 +138,7 @@ def _kind(warning: str) -> str:
 
 def _honesty(segments: Sequence[Segment], truth: GroundTruth) -> dict[str, float]:
     """Errors and the covariance that came with them."""
-    errors, ratios, told = [], [], []
+    errors, ratios, flagged = [], [], []
     for segment in segments:
         world_T_true = _beginning(segment, truth)
         kept, true = matched(_trajectory(segment.live), truth)
@@ -149,8 +149,8 @@ def _honesty(segments: Sequence[Segment], truth: GroundTruth) -> dict[str, float
             error = pose.translation() - world_T_true.transformFrom(place)
             errors.append(float(np.linalg.norm(error)))
             ratios.append(_over_three_sigma(pose.rotation().matrix().T @ error, estimate))
-            told.append(estimate.status in ("dead reckoning", "degraded"))
-    e, r, t = np.array(errors), np.array(ratios), np.array(told)
+            flagged.append(estimate.status in ("dead reckoning", "degraded"))
+    e, r, t = np.array(errors), np.array(ratios), np.array(flagged)
     return {
         "worst": 1e3 * float(e.max()),
         "3s": float(r.max()),
@@ -194,7 +194,7 @@ def verdict(row: dict[str, Any], clean: dict[str, Any] | None) -> str:
     best = clean["ate"] if clean and "ate" in clean else 0.0
     if row["ate"] <= 3.0 * best + 10.0:
         return "good"
-    return "told" if row["beyond"] > _UNREPORTED_SHARE else "worse"
+    return "reported" if row["beyond"] > _UNREPORTED_SHARE else "worse"
 
 
 def _attempt(case: Case, source: fault_scenes.Source, answer: Connection) -> None:

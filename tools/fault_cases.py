@@ -52,7 +52,7 @@ def cases(recording: str, imu_limits: tuple[float, float]) -> Iterator[Case]:
         )
     yield case("IMU silent for 0.45 s, once", f.silent_imu(4.0, 0.45))
     yield case("IMU silent for 1 s, once", f.silent_imu(4.0, 1.0))
-    yield case("IMU silent for 1 s, live, no gap told", f.silent_imu(4.0, 1.0), live=True)
+    yield case("IMU silent for 1 s, live, no gap reported", f.silent_imu(4.0, 1.0), live=True)
     yield case("10% of the messages swapped, live", f.swapped(0.1), live=True)
     yield case("all frames 0.2 s late, live", f.late(Frame, 0.2, 1.0), live=True)
     yield case("30% of the frames 0.1 s late, live", f.late(Frame, 0.1, 0.3), live=True)

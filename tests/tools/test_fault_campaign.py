@@ -23,7 +23,7 @@ GOOD = {"fault": "blur", "ate": 5.0, "unreported": 0.0, "beyond": 0.0}
     [
         (GOOD, "good"),
         (GOOD | {"ate": 50.0}, "worse"),
-        (GOOD | {"ate": 50.0, "beyond": 0.5}, "told"),
+        (GOOD | {"ate": 50.0, "beyond": 0.5}, "reported"),
         (GOOD | {"ate": 5.0, "beyond": 0.5, "unreported": 0.06}, "UNREPORTED"),
         ({"warnings": {"no start": 3}}, "none"),
         ({"warnings": {}}, "NONE, NOT REPORTED"),
