@@ -29,8 +29,6 @@ LONGEST_FILE, LONGEST_CLASS = 350, 200
 """In lines."""
 
 TOO_LONG_CLASSES = {
-    "ruledgraph.backend.line_map.LineMap",
-    "ruledgraph.backend.sliding_window.Window",
     "ruledgraph.frontend.tracks.Tracker",
     "ruledgraph.initialization.batch.Batch",
 }

@@ -175,10 +175,12 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
     (
         "backend/sliding_window.py",
         "backend/test_sliding_window",
-        (
-            ("np.eye(3) * start.velocity_sigma**2", "np.eye(3) * 1e-6"),
-            ("[0].node.time < oldest", "[0].node.time < oldest - 0.5"),
-        ),
+        (("np.eye(3) * start.velocity_sigma**2", "np.eye(3) * 1e-6"),),
+    ),
+    (
+        "backend/state_sequence.py",
+        "backend/test_sliding_window",
+        (("[0].node.time >= time", "[0].node.time >= time - 0.5"),),
     ),
     (
         "backend/rest_factors.py",

@@ -108,7 +108,7 @@ def _size_of_graph(odometry: Odometry) -> tuple[int, int]:
     if odometry.window is None:
         return 0, 0
     # Nobody else has a use for it, so there is no public way to GTSAM's own smoother.
-    smoother = odometry.window._smoother._smoother
+    smoother = odometry.window._solver._smoother._smoother
     return smoother.getFactors().size(), smoother.calculateEstimate().size()
 
 

@@ -5,6 +5,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -13,7 +14,8 @@ from gtsam.symbol_shorthand import B, V, X
 
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.states import Interval, LineObservation, StateNode
-from ruledgraph.core.config import LinesConfig
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.config import Config, LinesConfig
 from ruledgraph.core.line_observations import Sighting
 from ruledgraph_factors import (
     NEW_LINE_SIGMAS,
@@ -24,6 +26,25 @@ from ruledgraph_factors import (
     ruled_surface_factor,
     ruled_surface_factor_with_time_offset,
 )
+
+
+class EdgeModel(NamedTuple):
+    """The camera on the body, and the noise of its edge points."""
+
+    body_T_cam: gtsam.Pose3
+    focal: float
+    """Focal length, px."""
+    sigma: float
+    """Of a point, normalised units."""
+    cauchy_scale: float
+    """See `edge_noise`."""
+
+    @classmethod
+    def of(cls, calibration: Calibration, config: Config) -> "EdgeModel":
+        """Of a calibrated camera."""
+        focal = calibration.camera.focal_length
+        sigma, scale = config.edges.sigma_px / focal, config.lines.cauchy_scale_px / focal
+        return cls(calibration.body_T_cam, focal, sigma, scale)
 
 
 def compressed_points(sightings: Sequence[Sighting]) -> GeometricPoints:
@@ -53,17 +74,15 @@ def observation(
     line: Landmark,
     index: Sequence[int],
     sightings: Sequence[Sighting],
-    body_T_cam: gtsam.Pose3,
-    sigma: float,
-    cauchy_scale: float,
+    model: EdgeModel,
 ) -> LineObservation:
     """The factor of a line over the frames `index` of an interval, in which it was sighted."""
     compressed = compressed_points(sightings)
-    noise = edge_noise(compressed.rows, compressed.weight, sigma, cauchy_scale)
+    noise = edge_noise(compressed.rows, compressed.weight, model.sigma, model.cauchy_scale)
     k = interval.node.index
     is_whole = len(index) == len(interval.stamps)
     motion = interval.motion if is_whole else interval.motion.select(list(index))
-    rest = motion, line.chart, compressed, body_T_cam
+    rest = motion, line.chart, compressed, model.body_T_cam
     if interval.link is None or motion.time_jacobian is None:
         factor = ruled_surface_factor(noise, X(k), V(k), B(k), line.key, *rest)
     else:

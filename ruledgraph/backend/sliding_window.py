@@ -6,20 +6,18 @@ import math
 from collections import deque
 from collections.abc import Iterable, Sequence
 
-import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, V, X
 
-from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother, SmootherError
 from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.imu_intervals import imu_interval
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_map import LineMap
-from ruledgraph.backend.recovery import rebuilt
-from ruledgraph.backend.rest_factors import rest_factors, resting
+from ruledgraph.backend.rest_factors import rest_factors
 from ruledgraph.backend.start import Start
+from ruledgraph.backend.state_sequence import StateSequence
 from ruledgraph.backend.states import Interval, StateNode, add_priors
 from ruledgraph.backend.time_offset import OffsetLink
+from ruledgraph.backend.window_solver import WindowSolver
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import blocks
@@ -39,37 +37,35 @@ class Window:
     ) -> None:
         self._config = config
         self._imu_noise = calibration.imu_noise
-        self._smoother = self._fresh_smoother()
-        covariance = np.zeros((15, 15))
-        of_pose, of_velocity, of_bias = blocks(covariance)
-        of_pose[:] = start.pose_covariance
-        of_velocity[:] = np.eye(3) * start.velocity_sigma**2
-        of_bias[:] = np.diag(np.square(start.bias_sigmas))
-        first = StateNode(0, start.time, start.state, start.bias, covariance)
+        first = first_state(start)
+        self._states = StateSequence(first)
+        self.line_map = LineMap(calibration, config, start.lines)
+        self._solver = WindowSolver(self._states, self.line_map, config)
         self.time_offset = start.time_offset
         """Beyond the calibration's, as of the newest interval, when it is estimated."""
         if start.time_offset is not None:
             self.time_offset = start.time_offset.moved(correction)
         self.first_stamp = start.stamp
-        self.nodes = deque([first])
-        self.intervals: deque[Interval] = deque()
-        self.line_map = LineMap(calibration, config, start.lines)
-        self.recoveries: list[str] = []
-        """Why the window had to be rebuilt, each time."""
         self.solved = -math.inf
         """Time of the newest state that was optimised, s."""
-        self._broken = False
         self._update = GraphUpdate()
         add_priors(self._update.factors, first)
         self._update.insert(first)
 
-    def _fresh_smoother(self, dogleg: bool = False) -> FixedLagSmoother:
-        return FixedLagSmoother(self._config.window, dogleg)
+    @property
+    def nodes(self) -> deque[StateNode]:
+        """The states, oldest first."""
+        return self._states.nodes
+
+    @property
+    def intervals(self) -> deque[Interval]:
+        """Between the states."""
+        return self._states.intervals
 
     @property
     def newest(self) -> StateNode:
         """The latest state."""
-        return self.nodes[-1]
+        return self._states.newest
 
     @property
     def lines(self) -> dict[int, Landmark]:
@@ -77,14 +73,18 @@ class Window:
         return self.line_map.lines
 
     @property
+    def recoveries(self) -> list[str]:
+        """Why the smoother had to be rebuilt, each time."""
+        return self._solver.recoveries
+
+    @property
     def rests_since(self) -> float:
         """Time of the first state of the rest that goes on, or of the newest state, s."""
-        rest = resting(self.intervals)
-        return rest[-1].node.time if rest else self.newest.time
+        return self._states.rests_since
 
     def is_plausible(self) -> bool:
         """Whether the newest state can be one of a carried or flown camera and its IMU."""
-        return not self._broken and self.newest.keeps(self._config.integrity)
+        return not self._solver.has_failed and self.newest.keeps(self._config.integrity)
 
     # -- growing ---------------------------------------------------------------------------------
 
@@ -107,21 +107,19 @@ class Window:
             still: whether the body has rested since the newest state, and for some time.
             correction: of the calibration's time offset, that `times` were computed with, s.
         """
-        before = self.newest
-        unplaced = bool(self.intervals) and not self.intervals[-1].is_known
-        again = int(unplaced and not imu.is_lost(before.time))
-        if again:
-            stamps, times = [self.intervals[-1].stamps[-1], *stamps], [before.time, *times]
-        previous_link = self.intervals[-1].link if self.intervals else None
-        link = self._link(before, correction)
+        before, latest = self.newest, self._states.latest_interval
+        again = 0
+        if latest is not None and not latest.is_known and not imu.is_lost(before.time):
+            again = 1
+            stamps, times = [latest.stamps[-1], *stamps], [before.time, *times]
+        previous_link, link = self._states.latest_link, self._link(before, correction)
         interval, new = imu_interval(
             before, stamps, times, again, imu, self._imu_noise, link, still
         )
         self._update.factors.add(interval.imu_factors[0])
         if link is not None:
             self._add_link(link, previous_link)
-        self.intervals.append(interval)
-        self.nodes.append(new)
+        self._states.append(interval, new)
         self._update.insert(new)
         for factor in rest_factors(self.intervals, new.time, self._config.rest):
             self._update.factors.add(factor)
@@ -151,94 +149,37 @@ class Window:
         """
         gone = self._drop_old()
         self.line_map.reanchor(self._update)
-        was_dogleg = self._smoother.dogleg
-        try:
-            self._solve(self._update)
-        except SmootherError as failure:
-            self.recoveries.append(f"at {self.newest.time:.2f} s: {failure}")
-            self._recover()
-        else:
-            if self._smoother.dogleg and not was_dogleg:
-                trouble = f"at {self.newest.time:.2f} s: {self._smoother.trouble}"
-                self.recoveries.append(f"{trouble}; solved by Dogleg steps")
+        self._solver.solve(self._update)
         self._update = GraphUpdate()
         self.solved = self.newest.time
-        self._read_covariances()
+        link = self._states.latest_link
+        if link is not None:
+            self.time_offset = link.offset
         self.line_map.judge(self.intervals[-1])
         return gone
-
-    def _solve(self, update: GraphUpdate) -> None:
-        news = update.factors, update.values, update.times
-        self._read(self._smoother.update(*news, self._check))
 
     def _drop_old(self) -> list[Interval]:
         oldest = self.newest.time - self._config.window.lag
         gone = []
-        while self.intervals and self.intervals[0].node.time < oldest:
-            interval = self.intervals.popleft()
-            self._read_covariance(interval.node)
+        while (interval := self._states.pop_before(oldest)) is not None:
+            self._solver.read_covariance(interval.node)
             gone.append(interval)
-            self.nodes.popleft()
             for line, factor, _, _ in interval.observations:
                 line.fixed |= factor.spec.keys[-1] == line.key
         self.line_map.retire(oldest)
         return gone
 
-    def _read(self, estimate: gtsam.Values) -> None:
-        for node in self.nodes:
-            pose, velocity = estimate.atPose3(X(node.index)), estimate.atVector(V(node.index))
-            node.state = gtsam.NavState(pose, velocity)
-            node.bias = estimate.atConstantBias(B(node.index))
-        for link in filter(None, (interval.link for interval in self.intervals)):
-            link.shift = estimate.atDouble(link.key)
-        self.line_map.read(estimate, self._smoother.linearization_point())
-
-    def _check(self, estimate: gtsam.Values) -> bool:
-        """Whether the newest state is close to the IMU's prediction; it must not be far off."""
-        k, predicted = self.newest.index, self.newest.state
-        position, velocity = estimate.atPose3(X(k)).translation(), estimate.atVector(V(k))
-        jump = float(np.linalg.norm(position - predicted.position()))
-        change = float(np.linalg.norm(velocity - predicted.velocity()))
-        limits = self._config.window
-        if not (jump < limits.jump_position and change < limits.jump_velocity):
-            raise SmootherError(f"the estimate jumped by {jump:.2g} m, {change:.2g} m/s")
-        return jump < limits.step_position and change < limits.step_velocity
-
-    def _read_covariances(self) -> None:
-        self._read_covariance(self.newest)
-        link = self.intervals[-1].link
-        if link is not None:
-            variance = self._smoother.covariance(link.key)
-            if variance is not None:
-                link.sigma = float(np.sqrt(variance[0, 0]))
-            self.time_offset = link.offset
-        self.line_map.read_covariances(self._smoother, self.newest.time)
-
-    def _read_covariance(self, node: StateNode) -> None:
-        keys = X(node.index), V(node.index), B(node.index)
-        covariance = self._smoother.joint_covariance(keys)
-        if covariance is not None:
-            node.covariance = covariance
-
     def read_smoothed_covariances(self) -> None:
         """Of all states, as they are known now."""
         for node in self.nodes:
-            self._read_covariance(node)
+            self._solver.read_covariance(node)
 
-    def _recover(self) -> None:
-        """A new smoother from the window's own states, marginals and data; failing that, without
-        its lines.
-        """
-        for with_lines in (True, False):
-            if not with_lines:
-                self.line_map.reject_all()
-            try:
-                self._smoother = self._fresh_smoother(dogleg=True)
-                lines = self.lines.values()
-                update = rebuilt(self.nodes, self.intervals, lines, self._config)
-                self._solve(update)
-                self.line_map.keep(update.times)
-                return
-            except SmootherError:
-                continue
-        self._broken = True
+
+def first_state(start: Start) -> StateNode:
+    """The state of a start; its pose, velocity and bias are independent."""
+    covariance = np.zeros((15, 15))
+    of_pose, of_velocity, of_bias = blocks(covariance)
+    of_pose[:] = start.pose_covariance
+    of_velocity[:] = np.eye(3) * start.velocity_sigma**2
+    of_bias[:] = np.diag(np.square(start.bias_sigmas))
+    return StateNode(0, start.time, start.state, start.bias, covariance)

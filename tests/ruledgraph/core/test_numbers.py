@@ -16,7 +16,7 @@ NUMERICS = "guards against dividing by nothing"
 MEMORY = "bounds memory or work"
 ALLOWED = {
     "backend/landmarks.py": {"_KEPT": MEMORY, "_INFINITE": NUMERICS, "_PARALLEL": NUMERICS},
-    "backend/line_map.py": {"_AT_INFINITY": NUMERICS},
+    "backend/line_fit.py": {"_AT_INFINITY": NUMERICS},
     "frontend/detection.py": {"_MOST_PREFETCHED": MEMORY},
     "frontend/edge_batch.py": {"_GROWTH": NATIVE, "_LEVEL": NUMERICS, "_LEAST_PART": NUMERICS},
     "frontend/edge_search.py": dict.fromkeys(

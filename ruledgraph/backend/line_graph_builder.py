@@ -1,0 +1,172 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Variables and factors of lines: of new ones, of observed ones, and of those that moved far."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+from gtsam import noiseModel
+from gtsam.symbol_shorthand import L
+
+from ruledgraph.backend.graph_update import GraphUpdate
+from ruledgraph.backend.landmarks import Landmark
+from ruledgraph.backend.line_factors import (
+    EdgeModel,
+    compressed_points,
+    new_line_factors,
+    observation,
+)
+from ruledgraph.backend.states import Interval
+from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.config import LinesConfig
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.line_observations import LineTrack, Sighting
+from ruledgraph_factors import FactorError, LineChart, same_line_factor, triangulate_line
+
+
+class ImpossibleLineError(RuledgraphError):
+    """A track's points place its line where no line can be seen."""
+
+
+class _Seen(NamedTuple):
+    """A line in an interval."""
+
+    interval: Interval
+    frames: list[int]
+    """Those of the interval that saw it, by their place in it."""
+    sightings: list[Sighting]
+
+
+class LineGraphBuilder:
+    """Gives lines their variables and factors.
+
+    Args:
+        model: of the camera and its edge points.
+        config: of lines.
+        known: of tracks by number, what a start found of them.
+    """
+
+    def __init__(
+        self,
+        model: EdgeModel,
+        config: LinesConfig,
+        known: Mapping[int, tuple[LineChart, FloatArray]],
+    ) -> None:
+        self._model = model
+        self._config = config
+        self._known = dict(known)
+        self._keys_so_far = 0
+
+    def is_known(self, id_: int) -> bool:
+        """Whether a start found the line of a track."""
+        return id_ in self._known
+
+    def observe(
+        self,
+        interval: Interval,
+        line: Landmark,
+        index: Sequence[int],
+        sightings: Sequence[Sighting],
+        now: float,
+        update: GraphUpdate,
+    ) -> None:
+        """Add the factor of a line over the frames `index` of an interval that ends `now`, s."""
+        if not index:
+            return
+        seen = observation(interval, line, index, sightings, self._model)
+        interval.observations.append(seen)
+        update.factors.add(seen.factor)
+        line.points += sum(len(sighting.points) for sighting in sightings)
+        line.last_stamp = max(line.last_stamp, interval.stamps[index[-1]])
+        line.last_time = update.times[line.key] = now
+
+    def new_line(
+        self, track: LineTrack, intervals: Sequence[Interval], now: float, update: GraphUpdate
+    ) -> Landmark | None:
+        """Give a track a variable, with factors in all intervals that saw it.
+
+        Returns:
+            The line; None if its points do not tell yet where it is.
+
+        Raises:
+            ImpossibleLineError: if they place it behind the camera or too close to it.
+        """
+        seen = [_Seen(interval, *interval.seen(track.sightings)) for interval in intervals]
+        seen = [part for part in seen if part.frames]
+        if not seen:
+            return None
+        known = self._known.pop(track.id, None) or self._triangulated(seen)
+        if known is None:
+            return None
+        chart, delta = known
+        unseen, in_plane = self._config.new_unseen_variance, self._config.new_seen_variance
+        first = seen[0]
+        line = Landmark(
+            id=track.id,
+            key=L(self._keys_so_far),
+            chart=chart,
+            delta=delta,
+            in_view=track.in_view,
+            linearized=delta,
+            covariance=np.diag(np.repeat([unseen, in_plane], 2)),
+            first_stamp=first.interval.stamps[first.frames[0]],
+            last_stamp=0,
+            last_time=now,
+        )
+        self._keys_so_far += 1
+        update.values.insert(line.key, delta)
+        for interval, index, sightings in seen:
+            self.observe(interval, line, index, sightings, now, update)
+        of_first = first.interval.observations[-1]
+        for factor in new_line_factors(first.interval.node, of_first, self._config):
+            update.factors.add(factor)
+        return line
+
+    def _triangulated(self, seen: Sequence[_Seen]) -> tuple[LineChart, FloatArray] | None:
+        if sum(len(part.frames) for part in seen) < self._config.min_sightings:
+            return None
+        cameras: list[gtsam.Pose3] = []
+        for interval, index, _ in seen:
+            of_frames = interval.cameras(self._model.body_T_cam)
+            cameras += [of_frames[i] for i in index]
+        points = compressed_points([sighting for part in seen for sighting in part.sightings])
+        try:
+            fit = triangulate_line(cameras, points, self._model.sigma)
+        except FactorError:
+            return None
+        if fit.rms * self._model.focal > self._config.max_new_misfit_px:
+            return None
+        inverse, slope = fit.chart.inverse_distance(np.zeros(4))
+        sigma = math.sqrt(float(slope @ fit.covariance @ slope))
+        behind = inverse < -self._config.behind_sigmas * sigma
+        if behind or inverse > 1.0 / self._config.min_distance:
+            raise ImpossibleLineError(f"one over its distance is {inverse:.2g} 1/m")
+        return fit.chart, np.zeros(4)
+
+    def reanchor(self, line: Landmark, update: GraphUpdate) -> None:
+        """A new chart at the current estimate, under a new key that is tied to the old one.
+
+        The smoother never linearises a variable anew whose neighbour has left the window. A line
+        that was not seen from two places by then would keep a depth of which nothing was known.
+        """
+        # The marginal that fixed the old variable knows it where it was linearised. Here, as far
+        # from there as it has moved, what it leaves open (place and heading) looks a little
+        # different: a tie closer than that would make it known, and tear at it.
+        moved = float(np.abs(line.delta - line.linearized).max())
+        noise = noiseModel.Isotropic.Sigma(4, moved)
+        old_key, key, anchor = line.key, L(self._keys_so_far), line.chart.world_T_anchor
+        try:
+            chart, by_delta = line.chart.reanchor(line.delta, anchor)
+            factor = same_line_factor(noise, old_key, key, line.chart, line.delta, chart)
+        except FactorError:
+            return  # through its anchor: it will be judged
+        self._keys_so_far += 1
+        update.factors.add(factor)
+        update.values.insert(key, np.zeros(4))
+        update.times |= {old_key: line.last_time, key: line.last_time}
+        line.covariance = by_delta @ line.covariance @ by_delta.T
+        line.key, line.chart, line.delta = key, chart, np.zeros(4)
+        line.linearized, line.fixed = line.delta, False

@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The solution of a window: by the fixed-lag smoother, and by a new one when that has failed."""
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B, V, X
+
+from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother, SmootherError
+from ruledgraph.backend.graph_update import GraphUpdate
+from ruledgraph.backend.line_map import LineMap
+from ruledgraph.backend.recovery import rebuilt
+from ruledgraph.backend.state_sequence import StateSequence
+from ruledgraph.backend.states import StateNode
+from ruledgraph.core.config import Config
+
+
+class WindowSolver:
+    """Solves for states and lines and writes what it finds into them."""
+
+    def __init__(self, states: StateSequence, line_map: LineMap, config: Config) -> None:
+        self._states = states
+        self._line_map = line_map
+        self._config = config
+        self._smoother = FixedLagSmoother(config.window)
+        self.recoveries: list[str] = []
+        """Why the smoother had to be rebuilt, each time."""
+        self.has_failed = False
+        """Whether a new smoother, without the lines, failed as well."""
+
+    def solve(self, update: GraphUpdate) -> None:
+        """Take in what is new; states and lines get the estimate and their covariances."""
+        was_dogleg, time = self._smoother.dogleg, self._states.newest.time
+        try:
+            self._solve(update)
+        except SmootherError as failure:
+            self.recoveries.append(f"at {time:.2f} s: {failure}")
+            self._recover()
+        else:
+            if self._smoother.dogleg and not was_dogleg:
+                trouble = f"at {time:.2f} s: {self._smoother.trouble}"
+                self.recoveries.append(f"{trouble}; solved by Dogleg steps")
+        self._read_covariances()
+
+    def _solve(self, update: GraphUpdate) -> None:
+        news = update.factors, update.values, update.times
+        estimate = self._smoother.update(*news, self._check)
+        self._states.read(estimate)
+        self._line_map.read(estimate, self._smoother.linearization_point())
+
+    def _check(self, estimate: gtsam.Values) -> bool:
+        """Whether the newest state is close to the IMU's prediction; it must not be far off."""
+        k, predicted = self._states.newest.index, self._states.newest.state
+        position, velocity = estimate.atPose3(X(k)).translation(), estimate.atVector(V(k))
+        jump = float(np.linalg.norm(position - predicted.position()))
+        change = float(np.linalg.norm(velocity - predicted.velocity()))
+        limits = self._config.window
+        if not (jump < limits.jump_position and change < limits.jump_velocity):
+            raise SmootherError(f"the estimate jumped by {jump:.2g} m, {change:.2g} m/s")
+        return jump < limits.step_position and change < limits.step_velocity
+
+    def _recover(self) -> None:
+        """A new smoother from the window's own states, marginals and data; failing that, without
+        its lines.
+        """
+        for with_lines in (True, False):
+            if not with_lines:
+                self._line_map.reject_all()
+            try:
+                self._smoother = FixedLagSmoother(self._config.window, dogleg=True)
+                lines, states = self._line_map.lines.values(), self._states
+                update = rebuilt(states.nodes, states.intervals, lines, self._config)
+                self._solve(update)
+                self._line_map.keep(update.times)
+                return
+            except SmootherError:
+                continue
+        self.has_failed = True
+
+    def _read_covariances(self) -> None:
+        self.read_covariance(self._states.newest)
+        link = self._states.latest_link
+        if link is not None:
+            variance = self._smoother.covariance(link.key)
+            if variance is not None:
+                link.sigma = float(np.sqrt(variance[0, 0]))
+        self._line_map.read_covariances(self._smoother, self._states.newest.time)
+
+    def read_covariance(self, node: StateNode) -> None:
+        """Of a state, as it is known now."""
+        keys = X(node.index), V(node.index), B(node.index)
+        covariance = self._smoother.joint_covariance(keys)
+        if covariance is not None:
+            node.covariance = covariance
