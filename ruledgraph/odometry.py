@@ -9,7 +9,7 @@ from ruledgraph.core.estimates import Status
 from ruledgraph.core.measurements import Frame, ImuSample, Measurement
 from ruledgraph.core.output import Output
 from ruledgraph.core.time_offset import TimeOffset
-from ruledgraph.frontend.tracks import Tracker
+from ruledgraph.frontend.tracker import Tracker
 from ruledgraph.imu.frame_history import EARLY
 from ruledgraph.imu.synchronizer import image_fault
 from ruledgraph.initialization.clock_search import ClockSearch

@@ -59,7 +59,7 @@ def run(simulation: Simulation, most_lines: int) -> tuple[float, dict[str, float
     samples: dict[str, list[float]] = defaultdict(list)
     followed: list[int] = []
     with (
-        mock.patch("ruledgraph.frontend.tracks.search_all", timed(search_all, searching)),
+        mock.patch("ruledgraph.frontend.tracker.search_all", timed(search_all, searching)),
         mock.patch.object(tracker, "follow", timed(tracker.follow, following)),
     ):
         for measurement in simulation.stream():

@@ -216,8 +216,8 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         ),
     ),
     (
-        "frontend/tracks.py",
-        "frontend/test_tracks",
+        "frontend/tracker.py",
+        "frontend/test_tracker",
         (
             (
                 "first + gain * a, second + gain * (a + b)",
@@ -225,9 +225,13 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ),
             ("self._edges.effective_points / edges.counts", "1.0"),
             ("sightings[0].stamp < before", "sightings[0].stamp > before"),
-            ("(same >= config.duplicate_cosine) & near", "near"),
             ("moved.append(abs(float(", "moved.append(-abs(float("),
         ),
+    ),
+    (
+        "frontend/duplicates.py",
+        "frontend/test_tracker",
+        (("(same >= config.duplicate_cosine) & near", "near"),),
     ),
     (
         "frontend/ruling_prediction.py",

@@ -11,7 +11,7 @@ from ruledgraph.core.measurements import STAMP_JITTER, Frame
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.line_detection import Detector
 from ruledgraph.frontend.prefetch import PrefetchCache
-from ruledgraph.frontend.tracks import Tracker
+from ruledgraph.frontend.tracker import Tracker
 
 # No more frames than this are searched ahead, to bound the memory.
 _MOST_PREFETCHED = 8

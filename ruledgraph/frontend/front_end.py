@@ -15,7 +15,7 @@ from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.line_detection import DETECTORS
 from ruledgraph.frontend.prefetch import PrefetchCache
 from ruledgraph.frontend.ruling_prediction import CameraMotion, predict
-from ruledgraph.frontend.tracks import Tracker
+from ruledgraph.frontend.tracker import Tracker
 
 # Gradients, of eight times the memory of an image, are computed of so many frames ahead at most.
 _MOST_GRADIENTS = 32

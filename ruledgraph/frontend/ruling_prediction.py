@@ -16,7 +16,7 @@ from ruledgraph.core.line_observations import LinePrediction
 from ruledgraph.frontend import kernel
 from ruledgraph.frontend.edge_batch import Rulings
 from ruledgraph.frontend.edge_search import normal_of
-from ruledgraph.frontend.tracks import Track
+from ruledgraph.frontend.track import Track
 from ruledgraph_factors.so3 import hat
 
 # The most that a predicted ruling's deviation may be, px: the search's time grows with it.

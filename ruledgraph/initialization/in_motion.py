@@ -17,8 +17,14 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.initialization.batch import ROUGH, Batch, FirstWindow, Seen
+from ruledgraph.initialization.batch import ROUGH, Batch
 from ruledgraph.initialization.closed_form import Planes, closed_form, gyroscope_bias
+from ruledgraph.initialization.first_window import FirstWindow, Seen
+from ruledgraph.initialization.initial_values import (
+    InitialValues,
+    at_distance,
+    from_closed_form,
+)
 from ruledgraph.initialization.prior import (
     Refusal,
     bias_sigmas,
@@ -81,13 +87,14 @@ def start_in_motion(
 
 def solved(window: FirstWindow) -> list[Batch]:
     """The best hypotheses, best first."""
-    rough = filter(None, (_tried(_rounds, make) for make in _hypotheses(window)))
+    rounds = partial(_rounds, window)
+    rough = filter(None, (_tried(rounds, begin) for begin in _hypotheses(window)))
     best = sorted(rough, key=lambda batch: batch.error)[:_BEST]
     polished = filter(None, (_tried(_polished, batch) for batch in best))
     return sorted(polished, key=lambda batch: batch.error)
 
 
-def _hypotheses(window: FirstWindow) -> Iterator[Callable[[], Batch]]:
+def _hypotheses(window: FirstWindow) -> Iterator[Callable[[], InitialValues]]:
     start, body_T_cam = window.config.start, window.calibration.body_T_cam
     body_R_cam, arm = body_T_cam.rotation().matrix(), body_T_cam.translation()
     planes = [
@@ -96,18 +103,19 @@ def _hypotheses(window: FirstWindow) -> Iterator[Callable[[], Batch]]:
     samples, times = window.samples, window.times
     bias = gyroscope_bias(samples, times, planes, start.gyroscope_bias)
 
-    def linear() -> Batch:
+    def linear() -> InitialValues:
         found = closed_form(samples, times, planes, bias, arm)
-        return Batch.from_closed_form(window, bias, found)
+        return from_closed_form(window, bias, found)
 
     yield linear
     for distance in _DISTANCES:
-        yield partial(Batch.at_distance, window, bias, distance)
+        yield partial(at_distance, window, bias, distance)
 
 
-def _rounds(make: Callable[[], Batch]) -> Batch:
-    batch = make()
-    for cauchy in _WIDE:
+def _rounds(window: FirstWindow, begin: Callable[[], InitialValues]) -> Batch:
+    first, *others = _WIDE
+    batch = Batch(window, begin(), first, ROUGH)
+    for cauchy in others:
         batch.solve(cauchy, ROUGH)
     return batch
 

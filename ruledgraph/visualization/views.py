@@ -10,7 +10,7 @@ import numpy as np
 from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.measurements import Frame
-from ruledgraph.frontend.tracks import Track
+from ruledgraph.frontend.track import Track
 from ruledgraph.odometry import Odometry
 
 # Without a single line in view nothing says which frames were processed; more than this many do

@@ -56,7 +56,7 @@ ALLOWED = {
         ("_THRESHOLD", "_SPACING"),
         "belongs to the paper's method, which is kept for comparison",
     ),
-    "frontend/tracks.py": {"_UNBOUNDED": "stands for infinity: beyond any image"},
+    "frontend/tracker.py": {"_UNBOUNDED": "stands for infinity: beyond any image"},
     "integrity/monitor.py": {"_MEDIAN": "of a normal distribution"},
 }
 

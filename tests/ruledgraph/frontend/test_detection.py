@@ -11,7 +11,7 @@ from ruledgraph.core.config import EdgesConfig, TracksConfig
 from ruledgraph.core.measurements import Frame
 from ruledgraph.frontend.detection import Detection
 from ruledgraph.frontend.gradient import Gradient
-from ruledgraph.frontend.tracks import Tracker
+from ruledgraph.frontend.tracker import Tracker
 from ruledgraph.odometry import Odometry
 from small_simulation import small_stream
 

@@ -12,7 +12,7 @@ from ruledgraph.core.line_observations import LinePrediction
 from ruledgraph.frontend import kernel
 from ruledgraph.frontend.edge_batch import Rulings
 from ruledgraph.frontend.ruling_prediction import by_estimate, by_rotation
-from ruledgraph.frontend.tracks import Track
+from ruledgraph.frontend.track import Track
 from ruledgraph_factors import LineChart
 
 needs_native = pytest.mark.skipif(

@@ -8,7 +8,8 @@ import pytest
 from ideal_tracks import CALIBRATION, MANY, IdealTracks, ideal_tracks, sighting
 from ruledgraph.backend.start import Start
 from ruledgraph.core.config import Config
-from ruledgraph.initialization.batch import Batch, FirstWindow, Seen
+from ruledgraph.initialization.batch import Batch
+from ruledgraph.initialization.first_window import FirstWindow, Seen
 from ruledgraph.initialization.in_motion import solved, start_in_motion
 from ruledgraph.initialization.prior import Refusal
 from ruledgraph.simulation import SplineMotion

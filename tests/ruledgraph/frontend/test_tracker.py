@@ -8,7 +8,7 @@ from edge_images import CAMERA, edge_image, line_through
 from ruledgraph.core.config import EdgesConfig, TracksConfig
 from ruledgraph.frontend.edge_batch import Rulings
 from ruledgraph.frontend.gradient import Gradient
-from ruledgraph.frontend.tracks import Tracker
+from ruledgraph.frontend.tracker import Tracker
 from ruledgraph_factors import GeometricPoints
 
 LEVEL, STEEP = np.array([[-0.3, -0.2], [0.3, -0.15]]), np.array([[-0.2, -0.05], [0.0, 0.3]])

@@ -1,0 +1,66 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""A line that is followed through the images."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.config import DEFAULTS, TracksConfig
+from ruledgraph.core.line_observations import Sighting
+
+
+@dataclass(eq=False)
+class Track:
+    """A line in the image."""
+
+    number: int
+    born: float
+    """Time of the first sighting, s."""
+    ends: FloatArray
+    """In the last frame, (2, 2), normalised."""
+    slope: float
+    """Usual grey level slope across it, signed."""
+    sightings: deque[Sighting] = field(default_factory=deque)
+    rates: tuple[float, float] = (0.0, 0.0)
+    """Motion across itself beside the rotation's, at both ends, px/s."""
+    sigma: float = DEFAULTS.tracks.fresh_sigma_px
+    """Of the prediction across the ruling, px."""
+    misses: int = 0
+    last_seen: float = 0.0
+    config: TracksConfig = DEFAULTS.tracks
+
+    @property
+    def lost(self) -> bool:
+        """Whether it has not been found for too long."""
+        return self.misses > self.config.max_misses
+
+    def miss(self, time: float) -> None:
+        """Take note that it was not found, s."""
+        self.misses += 1
+        if time - self.last_seen > self.config.max_miss_time:
+            self.misses = max(self.misses, self.config.max_misses)
+        self.sigma = min(self.config.sigma_growth * self.sigma, self.config.max_sigma_px)
+
+    def mark_lost(self) -> None:
+        """Follow it no longer."""
+        self.misses = self.config.max_misses + 1
+
+
+class Segments(NamedTuple):
+    """N segments in an image."""
+
+    ends: FloatArray
+    """(N, 2, 2), normalised."""
+    slopes: FloatArray
+    """Grey level slopes across them, signed, (N,)."""
+
+    @classmethod
+    def of(cls, tracks: Sequence[Track]) -> "Segments":
+        """Of tracks in the last frame."""
+        ends = np.array([track.ends for track in tracks]).reshape(-1, 2, 2)
+        return cls(ends, np.array([track.slope for track in tracks]))
