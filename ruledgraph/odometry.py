@@ -11,7 +11,7 @@ from ruledgraph.core.output import Output
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.frontend.tracker import Tracker
 from ruledgraph.imu.frame_history import EARLY
-from ruledgraph.imu.synchronizer import image_fault
+from ruledgraph.imu.synchronizer import Synchronizer, image_fault
 from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.segment_sequence import SegmentSequence
 from ruledgraph.integrity.segment import Stages
@@ -39,9 +39,22 @@ class Odometry(Output):
         self.config = config
         self._stages = Stages.build(calibration, config, self)
         self._segments = SegmentSequence(calibration, config, self._stages)
+        self._stages.sensors.image_rests = self._stages.rest.image_rests
         self._kept = max(config.start.window, config.window.lag) + _SPARE
-        self.status: Status = "tracking"
-        """Of the last frame."""
+        self._longest_silence = self._kept + config.imu.max_frame_wait
+        self._status: Status | None = None
+
+    @property
+    def status(self) -> str:
+        """`waiting for IMU` or `waiting for images`, whichever of them stopped, by the stamps of
+        the other; `initializing:` and why it did not start yet; then the last frame's `Status`.
+        """
+        if sensor := self._stages.sensors.waits_for:
+            return f"waiting for {sensor}"
+        segment = self._segments.current
+        if segment is None or self._status is None:
+            return f"initializing: {self.refusal or 'no attempt to start yet'}"
+        return self._status if segment.confirmed else "initializing: the start is on trial"
 
     @property
     def tracker(self) -> Tracker:
@@ -86,7 +99,11 @@ class Odometry(Output):
             self._segments.end_at(measurement)
 
     def add_imu(self, sample: ImuSample) -> None:
-        """An IMU sample; the frames up to its time are processed."""
+        """An IMU sample; the frames up to its time are processed.
+
+        Raises:
+            RuledgraphError: for another shape, and stamps that are no nanoseconds.
+        """
         sensors = self._stages.sensors
         gap = sensors.add_imu(sample)
         if gap is not None:
@@ -95,9 +112,15 @@ class Odometry(Output):
         while (frame := sensors.next_frame()) is not None:
             with self.timings.measured("frame"):
                 self._process(frame)
+        self._end_after_silence(sensors)
 
     def add_image(self, frame: Frame) -> None:
-        """A grey image of the calibration's size; another one is a `RuledgraphError`."""
+        """An image; it waits for the IMU, but not for ever.
+
+        Raises:
+            RuledgraphError: for one that is not grey, of 8 bit and of the calibration's size, and
+                for stamps that are no nanoseconds.
+        """
         self._stages.sensors.add_image(frame)
 
     def prefetch(self, frame: Frame) -> None:
@@ -131,7 +154,7 @@ class Odometry(Output):
         found = front_end.process(frame, now.time, segments.predicted(now), detect_every)
         lines = 0 if segment is None else sum(id_ in segment.window.lines for id_ in found)
         sensors.frames.append(now)
-        if segment is None or self.status != "still":
+        if segment is None or self._status != "still":
             with self.timings.measured("clock"):
                 self.clock_search.add_image(sensors.seconds(frame.stamp), frame.image)
         if segment is None:
@@ -143,5 +166,16 @@ class Odometry(Output):
             if not segments.goes_on(segment, now):
                 return
         if segments.current is not None:
-            self.status = segments.current.report(now, lines, due)
+            self._status = segments.current.report(now, lines, due)
         self._stages.forget(now.time - self._kept)
+
+    def _end_after_silence(self, sensors: Synchronizer) -> None:
+        """Without frames for so long, hand out what is left, and keep no more than a late one needs
+        to begin anew.
+        """
+        frames, before = sensors.frames, sensors.imu.latest - self._longest_silence
+        if frames and frames.last.time < before:
+            self._segments.end_after_silence(sensors.imu.latest)
+            self._segments.end()
+        if not frames:
+            sensors.imu.forget(before)

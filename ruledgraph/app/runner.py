@@ -202,8 +202,9 @@ def _hand_over(
 
 def _progress(odometry: "Odometry | PaperOdometry", tally: _Tally) -> Progress:
     window = odometry.window
-    status = "waiting for a start" if window is None else odometry.status
-    return Progress(tally.frames, tally.seconds, 0 if window is None else len(window.lines), status)
+    lines = 0 if window is None else len(window.lines)
+    status, _, _ = odometry.status.partition(":")  # without the reason, which is long
+    return Progress(tally.frames, tally.seconds, lines, status)
 
 
 def _summary(

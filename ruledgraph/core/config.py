@@ -236,7 +236,12 @@ class ImuConfig(Section):
     long_hole: float = number(0.2, "s", 1e-3, 10.0)
     """Where that is reached; in a shorter hole it is less by the square of its length."""
     hang_repeats: int = number(4, "", 1, 1000)
-    """A reading repeated so often, to the last bit, is that of an IMU that hangs."""
+    """A reading repeated so often, to the last bit, is that of an IMU that hangs, unless the image
+    rests."""
+    silent_time: float = number(1.0, "s", 0.1, 60.0)
+    """When camera or IMU are so far behind the other one, they are waited for."""
+    max_frame_wait: float = number(2.0, "s", 0.1, 60.0)
+    """So much of the camera's frames waits for the IMU at most; older ones are dropped."""
     spike_rate: float = number(0.2, "rad/s", 0.0, 100.0)
     """A spike's rate is further from the reading before than this ..."""
     spike_force: float = number(2.0, "m/s^2", 0.0, 1e3)

@@ -15,6 +15,9 @@ from ruledgraph.core.config import DEFAULTS, ImuConfig
 from ruledgraph.imu.faults import RangeWatch, UnreliableInterval
 from ruledgraph_factors import ImuSamples
 
+# Repetitions are kept one by one for so long, s: more than frames are apart.
+_REPEATS_KEPT = 2.0
+
 
 class ImuBuffer:
     """Samples in order of time (s), appended one by one and forgotten from the front.
@@ -44,17 +47,28 @@ class ImuBuffer:
             return hung
         value = np.concatenate([gyroscope, accelerometer])
         if self._values and (value == self._values[-1]).all():
+            if self.hangs_for > _REPEATS_KEPT:
+                self._repeats.pop()
             self._repeats.append(time)
             return hung
         if len(self._repeats) >= self._config.hang_repeats:
-            hung = self._repeats[-1] - self._times[-1]
-        else:
-            for repeated in self._repeats:
-                self._append(repeated, self._values[-1])
-        self._repeats.clear()
+            hung = self.hangs_for
+            self._repeats.clear()
+        self.accept_repeats()
         self._append(time, value)
         self.range_news = self._range.add(time, value)
         return hung
+
+    @property
+    def hangs_for(self) -> float:
+        """How long it has repeated one reading, s."""
+        return self._repeats[-1] - self._times[-1] if self._repeats else 0.0
+
+    def accept_repeats(self) -> None:
+        """Take the repetitions held back for samples: the body rests, and the IMU has no noise."""
+        for repeated in self._repeats:
+            self._append(repeated, self._values[-1])
+        self._repeats.clear()
 
     def _append(self, time: float, value: FloatArray) -> None:
         if self._times and time - self._times[-1] > self._config.max_sample_interval:
@@ -66,6 +80,11 @@ class ImuBuffer:
     def latest(self) -> float:
         """Time of the last sample, -inf if there is none."""
         return self._times[-1] if self._times else -np.inf
+
+    @property
+    def earliest(self) -> float:
+        """Time of the first sample, inf if there is none."""
+        return self._times[0] if self._times else np.inf
 
     def covers(self, start: float, stop: float) -> bool:
         """Whether there are samples at or beyond both ends."""

@@ -5,7 +5,7 @@
 Faults of the sensors that a stream shows are noticed here: silences, hanging, spikes.
 """
 
-from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,15 @@ from ruledgraph.calibration.sensors import Calibration, CameraModel
 from ruledgraph.core.config import DEFAULTS, ImuConfig
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import MAX_IMU_GAP, Frame, Gap, ImuSample
+from ruledgraph.core.stamps import CLOSEST_FRAMES, CLOSEST_SAMPLES, StampUnit
 from ruledgraph.core.timing import Messages
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.imu.faults import Reading, SpikeFilter
 from ruledgraph.imu.frame_history import FrameHistory, FrameTime
+from ruledgraph.imu.imu_input import ImuInput
+from ruledgraph.imu.waiting_frames import WaitingFrames
+
+# s; stamps of two sensors so far apart are of clocks without a common base, or in two units.
+_UNRELATED = 10.0
 
 
 class Synchronizer:
@@ -26,18 +31,26 @@ class Synchronizer:
     def __init__(
         self, calibration: Calibration, warnings: Messages, config: ImuConfig = DEFAULTS.imu
     ) -> None:
-        self.imu = ImuBuffer(config)
+        self._imu_input = ImuInput(warnings, config)
+        self.imu = self._imu_input.buffer
         self.frames = FrameHistory()
         """The frames that were processed."""
         self.correction = 0.0
         """Of the calibration's time offset, for the frames to come, s."""
-        self._spikes = SpikeFilter(config)
+        self.image_rests: Callable[[], bool] = lambda: False
+        """Whether the image shows no motion: then an IMU that repeats its reading does not hang."""
         self._config = config
         self._calibration = calibration
         self._warnings = warnings
         self._origin: int | None = None
-        self._waiting: deque[Frame] = deque()
+        self._imu_unit = StampUnit("IMU samples", CLOSEST_SAMPLES, MAX_IMU_GAP)
+        self._image_unit = StampUnit("images", CLOSEST_FRAMES)
+        # By a known offset between the clocks frames wait longer.
+        longest = config.max_frame_wait + max(calibration.time_offset, 0.0)
+        self._waiting = WaitingFrames(round(longest * 1e9))
         self._image: Frame | None = None
+        self._newest: Frame | None = None
+        self._silence_reported = False
 
     def seconds(self, stamp: int) -> float:
         """Time of a stamp of the IMU's clock: since the first one."""
@@ -50,47 +63,20 @@ class Synchronizer:
         return self.seconds(frame.stamp) + self._calibration.time_offset + self.correction
 
     def add_imu(self, sample: ImuSample) -> Gap | None:
-        """Take in a sample.
-
-        Returns:
-            The gap before it, if the IMU was silent for too long: `begin_anew`, and add it again.
-        """
-        value = np.concatenate([sample.gyroscope, sample.accelerometer])
-        gap = None
-        for reading in self._spikes.take(self.seconds(sample.stamp), value):
-            gap = self._append(reading, sample.stamp)
-        return gap
-
-    def _append(self, reading: Reading, stamp: int) -> Gap | None:
-        time, before = reading.time, self.imu.latest
-        hung = self.imu.append(time, reading.value[:3], reading.value[3:])
-        if reading.replaced:
-            self._warnings.counted(
-                "the IMU spikes",
-                f"the IMU spikes at {time:.2f} s: single readings far from both their neighbours "
-                "are replaced by what lies between them",
-            )
-        if self.imu.range_news:
-            self._warnings.append(
-                f"{self.imu.range_news}, as found at {time:.2f} s: what it reads there is flagged; "
-                "set a larger range"
-            )
-        if hung > self._config.max_sample_interval:
-            self._warnings.append(
-                f"the IMU hung at {before:.2f} s: the same reading for {hung:.2f} s is not used"
-            )
-        if before > -np.inf and self.imu.latest - before > MAX_IMU_GAP * 1e-9:
-            return Gap(stamp - round((time - before) * 1e9), stamp)
-        return None
+        """Take in a sample, see `ImuInput.add`; a stamp in another unit is a `RuledgraphError`."""
+        self._imu_unit.check(sample.stamp)
+        return self._imu_input.add(self.seconds(sample.stamp), sample)
 
     def add_image(self, frame: Frame) -> None:
         """Take in a frame; one whose image repeats the one before shows nothing.
 
         Raises:
-            RuledgraphError: for an image that is not grey, of 8 bit and of the calibration's size.
+            RuledgraphError: for an image that is not grey, of 8 bit and of the calibration's size,
+                and for stamps in another unit.
         """
         if fault := image_fault(frame, self._calibration.camera):
             raise RuledgraphError(fault)
+        self._image_unit.check(frame.stamp)
         last, self._image = self._image, frame
         if last is not None and frame.stamp != last.stamp and _same(frame.image, last.image):
             self._warnings.once(
@@ -99,13 +85,62 @@ class Synchronizer:
                 "before are not used",
             )
             frame = Frame(frame.stamp, np.zeros_like(frame.image))
-        self._waiting.append(frame)
+        self._newest = frame
+        self._put(frame)
+        if self._ahead() > self._config.silent_time and not self._silence_reported:
+            self._silence_reported = True
+            self._warnings.append(_silence(self.imu, self._ahead(), self._config))
+
+    def _put(self, frame: Frame) -> None:
+        time = self.frame_time(frame)
+        dropped = self._waiting.add(frame)
+        if dropped is None:
+            self._warnings.once(*_late(time))
+        for _ in range(dropped or 0):
+            self._warnings.counted(
+                "images are dropped",
+                f"images are dropped at {time:.2f} s: no IMU samples reach them",
+            )
 
     def next_frame(self) -> Frame | None:
         """The next frame that the IMU has reached; it waits no longer."""
-        if self._waiting and self.imu.latest >= self.frame_time(self._waiting[0]):
-            return self._waiting.popleft()
-        return None
+        frame = self._waiting.first
+        if frame is None:
+            return None
+        time = self.frame_time(frame)
+        if self.imu.latest < time and self.imu.hangs_for > 0.0 and self.image_rests():
+            self.imu.accept_repeats()
+        if self.imu.latest < time:
+            return None
+        self._silence_reported = False
+        return self._waiting.take()
+
+    # -- silence ---------------------------------------------------------------------------------
+
+    @property
+    def waits_for(self) -> str:
+        """The sensor that is silent, as the other one's stamps tell: `IMU`, `images`, or empty."""
+        latest, newest = self.imu.latest, self._newest
+        if latest == -np.inf or self._ahead() > self._config.silent_time:
+            return "IMU"
+        behind = self._config.silent_time + max(-self._calibration.time_offset, 0.0)
+        return "images" if newest is None or latest - self.frame_time(newest) > behind else ""
+
+    def _first_waiting(self) -> float:
+        first = self._waiting.first
+        return -np.inf if first is None else self.frame_time(first)
+
+    def _ahead(self) -> float:
+        """How far the newest of the frames that wait is beyond the latest IMU sample, but for the
+        known offset, s.
+        """
+        last = self._waiting.last
+        if last is None:
+            return 0.0
+        since = self._first_waiting() if self.imu.latest == -np.inf else self.imu.latest
+        return self.frame_time(last) - since - max(self._calibration.time_offset, 0.0)
+
+    # -- a frame's time --------------------------------------------------------------------------
 
     def timed(self, frame: Frame) -> FrameTime | None:
         """A frame with its time; None for one that cannot be used: it comes before the first IMU
@@ -113,16 +148,19 @@ class Synchronizer:
         """
         seen = FrameTime(frame.stamp, self.frame_time(frame))
         if not self.imu.covers(seen.time, seen.time):
+            if self.imu.earliest - seen.time > _UNRELATED:
+                self._warnings.once(
+                    "images are behind the IMU",
+                    f"images are {self.imu.latest - seen.time:.1f} s behind the IMU: check that "
+                    "their clocks and units are the same",
+                )
             return None
         if not self.frames:
             return seen
         # By stamps, too: the time of one and the same changes with the correction.
         last = self.frames.last
         if seen.stamp < last.stamp:
-            self._warnings.once(
-                "late",
-                f"a frame at {seen.time:.2f} s came after a later one: such are not used",
-            )
+            self._warnings.once(*_late(seen.time))
         return seen if seen.stamp > last.stamp and seen.time > last.time else None
 
     def retime(self, change: float) -> None:
@@ -132,10 +170,9 @@ class Synchronizer:
 
     def begin_anew(self, stop: int) -> None:
         """Forget all before a stamp."""
-        self.imu.clear()
-        self._spikes = SpikeFilter(self._config)
-        time = self.seconds(stop)
-        self._waiting = deque(frame for frame in self._waiting if self.frame_time(frame) >= time)
+        self._imu_input.clear()
+        while self._first_waiting() < self.seconds(stop) and self._waiting:
+            self._waiting.take()
 
 
 def image_fault(frame: Frame, camera: CameraModel) -> str:
@@ -152,6 +189,25 @@ def image_fault(frame: Frame, camera: CameraModel) -> str:
             f"{camera.height}; use the calibration of this camera and resolution"
         )
     return ""
+
+
+def _silence(imu: ImuBuffer, ahead: float, config: ImuConfig) -> str:
+    """What there is to say when images are so far ahead (s) of the IMU."""
+    if imu.latest == -np.inf:
+        return f"no IMU samples came in {ahead:.1f} s: images wait for them"
+    if imu.hangs_for > config.max_sample_interval:
+        return f"the IMU hangs since {imu.latest:.2f} s: it repeats one reading, which is not used"
+    if ahead > _UNRELATED:
+        return (
+            f"images are {ahead:.1f} s ahead of the IMU: check that their clocks and units are "
+            "the same"
+        )
+    return f"no IMU samples since {imu.latest:.2f} s: images wait for them"
+
+
+def _late(time: float) -> tuple[str, str]:
+    """Kind and text of a warning."""
+    return "late", f"a frame at {time:.2f} s came after a later one: such are not used"
 
 
 def _same(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:

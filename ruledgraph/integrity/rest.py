@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ruledgraph.core.config import RestConfig
+from ruledgraph.imu.frame_history import EARLY
 from ruledgraph.imu.synchronizer import Synchronizer
 
 
@@ -27,6 +28,7 @@ class RestDetector:
         config: RestConfig,
     ) -> None:
         self._config = config
+        self._span = config.duration - EARLY
         self._imu = sensors.imu
         self._frames = sensors.frames
         self._image_motion = image_motion
@@ -56,3 +58,10 @@ class RestDetector:
         if frame is None:
             return np.inf
         return self._image_motion(frame.stamp, self._config.min_lines)
+
+    def image_rests(self) -> bool:
+        """Whether the image has rested until the last frame; without frames to compare it may."""
+        if not self._frames or self._frames.last.time - self._frames.first.time < self._span:
+            return True
+        motion = self.image_motion(self._frames.last.time - self._span)
+        return motion < self._config.image_motion_px

@@ -23,10 +23,9 @@ from ruledgraph.odometry import Odometry
 
 _log = logging.getLogger("ruledgraph.live")
 
-# A frame without an estimate so long after the last one belongs to a start, ns.
-_STARTING = 500_000_000
 # What is dropped is reported this often at most, s.
 _BETWEEN_REPORTS = 5.0
+_AT_FIRST = "initializing: no attempt to start yet"
 
 
 class Counts(NamedTuple):
@@ -82,7 +81,8 @@ class LiveOdometry(Closing):
         self._callbacks = (on_pose, on_smoothed, on_line)
         self._queue = SensorQueue(round(calibration.time_offset * 1e9), most_images)
         self._imu, self._images = ImuStream(), ImageStream(calibration.camera)
-        self._estimates = self._newest_frame = 0
+        self._estimates = 0
+        self._status = _AT_FIRST
         self._error: BaseException | None = None
         self._last_report = -_BETWEEN_REPORTS
         self._worker = threading.Thread(target=self._work, name="ruledgraph", daemon=True)
@@ -108,7 +108,7 @@ class LiveOdometry(Closing):
 
         Raises:
             RuledgraphError: for what cannot be a sample in these units, or not in this order; it
-                is left out.
+                is left out. So is one with NaN or infinity, with a warning.
         """
         self._check_open()
         sample = ImuSample.of(gyroscope, accelerometer, t=t, t_ns=t_ns)
@@ -143,8 +143,9 @@ class LiveOdometry(Closing):
     def status(self) -> str:
         """What the odometry does.
 
-        `waiting for IMU`, `waiting for images` (for a second there were none), `initializing:`
-        with the reason why it did not start yet, then the last estimate's status, and `closed`.
+        `waiting for IMU` (which also may hang), `waiting for images` (for a second there were
+        none), `initializing:` with the reason why it did not start yet, then the last estimate's
+        status, and `closed`.
         """
         if not self._worker.is_alive():
             return "closed"
@@ -152,10 +153,7 @@ class LiveOdometry(Closing):
             return "waiting for IMU"
         if self._images.is_silent:
             return "waiting for images"
-        latest = self.latest
-        if latest is None or self._newest_frame - latest.stamp > _STARTING:
-            return f"initializing: {self._odometry.refusal or 'no attempt to start yet'}"
-        return latest.status
+        return self._status
 
     @property
     def counts(self) -> Counts:
@@ -209,16 +207,18 @@ class LiveOdometry(Closing):
     # -- the worker ------------------------------------------------------------------------------
 
     def _work(self) -> None:
+        images = False
         try:
             while (item := self._queue.take()) is not Signal.END:
                 if isinstance(item, Signal):
                     self._odometry, self.latest = self._new_odometry(), None
-                    self._estimates = self._newest_frame = 0
+                    self._estimates, self._status, images = 0, _AT_FIRST, False
                     continue
                 self._odometry.add(item)
-                if isinstance(item, Frame):
-                    self._newest_frame = item.stamp
                 self._hand_out()
+                images = images or isinstance(item, Frame)
+                if images:
+                    self._status = self._odometry.status
             self._odometry.finish()
             self._hand_out()
         except BaseException as error:  # noqa: BLE001 - raised where the next measurement is added

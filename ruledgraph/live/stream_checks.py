@@ -11,11 +11,10 @@ import numpy as np
 from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import MAX_IMU_GAP, Frame, ImuSample
+from ruledgraph.core.stamps import CLOSEST_FRAMES, CLOSEST_SAMPLES
 from ruledgraph.core.trajectory import seconds
 from ruledgraph.imu.synchronizer import image_fault
 
-# Nothing delivers faster than this, ns: stamps closer together are in another unit.
-_CLOSEST_SAMPLES, _CLOSEST_FRAMES = 20_000, 200_000
 # So many samples in a row that are too far apart to be integrated are in another unit.
 _SPARSE = 3
 # Over so many samples, and for so long (ns), the specific force averages near gravity, 9.81 m/s^2:
@@ -61,17 +60,18 @@ class ImuStream(Stream):
         if self._last is None:
             self._first = sample.stamp
         else:
-            apart = _apart("IMU sample", self._last, sample.stamp, _CLOSEST_SAMPLES)
+            apart = _apart("IMU sample", self._last, sample.stamp, CLOSEST_SAMPLES)
             self._sparse = self._sparse + 1 if apart > MAX_IMU_GAP else 0
-            if self._sparse == _SPARSE:
-                self._sparse = 0
+            if self._sparse >= _SPARSE:
+                self._last = sample.stamp  # the next one may be near
                 raise RuledgraphError(
                     f"IMU samples come {apart * 1e-9:g} s apart, too far to integrate; check the "
                     "unit of their stamps: t= is in seconds, t_ns= in nanoseconds"
                 )
         self._note(sample.stamp)
-        if self._forces is not None:
-            self._forces.append(float(np.linalg.norm(sample.accelerometer)))
+        force = float(np.linalg.norm(sample.accelerometer))
+        if self._forces is not None and np.isfinite(force):
+            self._forces.append(force)
             if len(self._forces) >= _AVERAGED and sample.stamp - self._first >= _AVERAGED_TIME:
                 force, self._forces = float(np.median(self._forces)), None
                 if not _LEAST_FORCE < force < _MOST_FORCE:
@@ -98,7 +98,7 @@ class ImageStream(Stream):
         if fault := image_fault(frame, self._camera):
             raise RuledgraphError(fault)
         if self._last is not None:
-            _apart("image", self._last, frame.stamp, _CLOSEST_FRAMES)
+            _apart("image", self._last, frame.stamp, CLOSEST_FRAMES)
         self._note(frame.stamp)
 
 

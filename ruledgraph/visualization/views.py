@@ -49,7 +49,7 @@ class View:
     frame: Frame
     lines: tuple[ViewedLine, ...]
     status: str
-    """Of the last estimate; `waiting for a start` before the first."""
+    """Of the odometry, without the reason for it."""
     since_start: float
     """Time since the first frame, s."""
 
@@ -90,7 +90,7 @@ def _view(odometry: Odometry, frame: Frame, since_start: float) -> View:
         if seen is not None and seen.stamp == frame.stamp:
             ends = _ends(track, seen.points, frame.stamp)
             lines.append(ViewedLine(track.number, ends, seen.points, track.number in in_graph))
-    status = "waiting for a start" if window is None else odometry.status
+    status, _, _ = odometry.status.partition(":")
     return View(frame, tuple(lines), status, since_start)
 
 

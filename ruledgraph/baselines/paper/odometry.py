@@ -15,7 +15,7 @@ from ruledgraph.baselines.paper.window import Rulings, Seen, Window
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
-from ruledgraph.core.estimates import Estimate, Status
+from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Gap, ImuSample, Measurement
 from ruledgraph.core.output import Output
 from ruledgraph.imu.buffer import ImuBuffer
@@ -43,7 +43,8 @@ class PaperOdometry(Output):
         super().__init__()
         self.calibration = calibration
         self.window: Window | None = None
-        self.status: Status = "tracking"
+        self.status = "initializing"
+        """Or the last estimate's `Status`."""
         self._detector = PointDetector(calibration.camera)
         self._imu = ImuBuffer()
         self._waiting: deque[Frame] = deque()

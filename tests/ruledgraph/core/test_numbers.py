@@ -57,6 +57,8 @@ ALLOWED = {
         "belongs to the paper's method, which is kept for comparison",
     ),
     "frontend/tracker.py": {"_UNBOUNDED": "stands for infinity: beyond any image"},
+    "imu/buffer.py": {"_REPEATS_KEPT": MEMORY},
+    "imu/synchronizer.py": {"_UNRELATED": "chooses the words of a warning"},
     "integrity/monitor.py": {"_MEDIAN": "of a normal distribution"},
 }
 

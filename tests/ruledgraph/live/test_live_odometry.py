@@ -172,6 +172,50 @@ def test_memory_is_bounded_when_a_sensor_is_dead(dead, caplog):
         assert len([r for r in caplog.records if r.name == "ruledgraph.live"]) <= 2
 
 
+def test_an_imu_that_hangs_is_waited_for_and_memory_is_bounded(caplog):
+    stream, calibration = small_stream()
+    stop = stream[0].stamp + 3_000_000_000
+    with LiveOdometry(calibration) as live:
+        feed_patiently(live, [m for m in stream if m.stamp < stop])
+        last = [m for m in stream if m.stamp < stop and isinstance(m, ImuSample)][-1]
+        later = [m for m in stream if m.stamp >= stop]
+        feed_patiently(
+            live, [last._replace(stamp=m.stamp) if isinstance(m, ImuSample) else m for m in later]
+        )
+        assert until(lambda: live.status == "waiting for IMU")
+        assert until(lambda: live.waiting == 0)  # passed on, where they do not pile up
+    assert "the IMU hangs since" in caplog.text
+
+
+def test_samples_with_nan_are_left_out_with_one_warning(caplog):
+    stream, calibration = small_stream()
+    with LiveOdometry(calibration) as live:
+        for m in stream:
+            feed_patiently(live, [m])
+            if isinstance(m, ImuSample) and m.stamp % 100_000_000 == 0:
+                live.add_imu((np.nan, 0.0, 0.0), A, t_ns=m.stamp + 1_000_000)
+    (record,) = [r for r in caplog.records if "not finite" in r.message]
+    assert record.levelname == "WARNING"
+    assert live.counts.estimates > 90
+
+
+def test_stamps_that_go_wrong_again_and_again_do_not_end_it():
+    calibration = small_stream()[1]
+    refused = 0
+    with LiveOdometry(calibration) as live:
+        for i in range(60):
+            try:
+                live.add_imu(W, A, t=5.0 * i)
+            except RuledgraphError:
+                refused += 1
+            if i % 3 == 0:
+                live.add_image(np.full((240, 320), i, np.uint8), t=5.0 * i + 1.0)
+        for i in range(20):
+            live.add_imu(W, A, t=295.005 + 0.005 * i)
+        assert until(lambda: live.waiting == 0)
+    assert refused == 57
+
+
 def test_it_starts_again_after_images_were_missing(caplog):
     stream, calibration = small_stream()
     after = 8 * 10**9
