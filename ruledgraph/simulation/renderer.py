@@ -8,6 +8,7 @@ wall seen aslant stays sharp across. Where a surface ends, a pixel gets the shar
 from the projected border leaves to each side, exact for a straight border.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
-from ruledgraph.simulation.occlusion import CUT, FREE, PaintersOrder
+from ruledgraph.simulation.occlusion import CUT, FREE, Fragment, PaintersOrder
 from ruledgraph.simulation.scene import Scene, Texture
 
 Image = NDArray[np.float32]
@@ -125,6 +126,45 @@ class _Boxes(NamedTuple):
     """First row, row behind the last, first column, column behind the last, (n, 4)."""
 
 
+class _Surfaces(NamedTuple):
+    """Where the parallelograms of a scene are, all (n, ...), m."""
+
+    corners: FloatArray
+    """(n, 3)."""
+    sides: FloatArray
+    """To the right and down, (n, 2, 3)."""
+    normals: FloatArray
+    """(n, 3)."""
+
+    @classmethod
+    def of(cls, scene: Scene) -> "_Surfaces":
+        return cls(
+            np.array([surface.corner for surface in scene.surfaces]),
+            np.array([[s.right, s.down] for s in scene.surfaces]),
+            np.array([surface.normal for surface in scene.surfaces]),
+        )
+
+
+class _Mesh:
+    """The vertices of fragments, one after another."""
+
+    def __init__(self, fragments: Sequence[Fragment]) -> None:
+        self.surfaces = np.array([fragment.surface for fragment in fragments])
+        """The number of each fragment's surface."""
+        self.vertices = np.concatenate([fragment.vertices for fragment in fragments])
+        """(m, 3), m."""
+        stops = np.cumsum([len(fragment.vertices) for fragment in fragments])
+        self.starts = np.concatenate([[0], stops[:-1]])
+        """The first vertex of each fragment."""
+        self.spans = [slice(*span) for span in zip(self.starts, stops, strict=True)]
+        """The vertices of each fragment."""
+        self.fragments = np.repeat(np.arange(len(fragments)), np.diff([0, *stops]))
+        """The number of each vertex' fragment."""
+        self.following = np.arange(1, len(self.vertices) + 1)
+        """The vertex after each, around its fragment."""
+        self.following[stops - 1] = self.starts
+
+
 class Renderer:
     """Draws one scene for one camera.
 
@@ -136,20 +176,9 @@ class Renderer:
         self._camera = camera
         self._rays = _Pinhole(camera) if camera.distortion == "none" else _Bent(camera)
         self._textures = [_Pyramid(texture) for texture in scene.textures]
-        self._corners = np.array([surface.corner for surface in scene.surfaces])
-        self._sides = np.array([[s.right, s.down] for s in scene.surfaces])
-        self._normals = np.array([surface.normal for surface in scene.surfaces])
+        self._surfaces = _Surfaces.of(scene)
         self._order = PaintersOrder(scene.surfaces)
-        fragments = self._order.fragments
-        self._surface_of = np.array([fragment.surface for fragment in fragments])
-        self._vertices = np.concatenate([fragment.vertices for fragment in fragments])
-        stops = np.cumsum([len(fragment.vertices) for fragment in fragments])
-        self._starts = np.concatenate([[0], stops[:-1]])
-        self._spans = [slice(*span) for span in zip(self._starts, stops, strict=True)]
-        self._fragment_of = np.repeat(np.arange(len(fragments)), np.diff([0, *stops]))
-        # The vertex after each.
-        self._next = np.arange(1, len(self._vertices) + 1)
-        self._next[stops - 1] = self._starts
+        self._mesh = _Mesh(self._order.fragments)
         # Inward normals of the planes that bound the field of view, with a margin for surfaces
         # that cover part of a border pixel.
         margin = _MARGIN / self._rays.scale
@@ -161,11 +190,11 @@ class Renderer:
     def render(self, world_T_cam: gtsam.Pose3) -> Image:
         """Brightness of every pixel, 0 to 255, (height, width)."""
         eye, world_R_cam = world_T_cam.translation(), world_T_cam.rotation().matrix()
-        in_cam = (self._vertices - eye) @ world_R_cam
+        in_cam = (self._mesh.vertices - eye) @ world_R_cam
         inside = in_cam @ self._field_planes.T - [_NEAR, 0.0, 0.0, 0.0, 0.0]
-        faces_eye = np.sum((eye - self._corners) * self._normals, axis=1) > 1e-6
-        visible = np.all(np.maximum.reduceat(inside, self._starts) > 0.0, axis=1)
-        visible &= faces_eye[self._surface_of]
+        faces_eye = np.sum((eye - self._surfaces.corners) * self._surfaces.normals, axis=1) > 1e-6
+        visible = np.all(np.maximum.reduceat(inside, self._mesh.starts) > 0.0, axis=1)
+        visible &= faces_eye[self._mesh.surfaces]
         boxes = self._boxes(in_cam)
         visible &= (boxes.pixels[:, 0] < boxes.pixels[:, 1]) & (
             boxes.pixels[:, 2] < boxes.pixels[:, 3]
@@ -173,12 +202,14 @@ class Renderer:
 
         # A point of a surface is corner + s right + t down = eye + depth * ray, so (s, t, 1) is
         # proportional to the inverse of [right, down, corner - eye] times the ray.
-        columns = np.concatenate([self._sides, (self._corners - eye)[:, None]], axis=1)
+        columns = np.concatenate(
+            [self._surfaces.sides, (self._surfaces.corners - eye)[:, None]], axis=1
+        )
         columns[~faces_eye] = np.eye(3)
         maps = np.linalg.inv(columns.transpose(0, 2, 1)) @ world_R_cam
         # The plane through the eye and an edge tells the two sides of its image apart, even where
         # the edge reaches behind the camera. Vertices are clockwise, hence inside is positive.
-        planes = np.cross(in_cam, in_cam[self._next])
+        planes = np.cross(in_cam, in_cam[self._mesh.following])
         planes /= np.linalg.norm(planes[:, :2], axis=1, keepdims=True) + 1e-12
         partial = self._partial(planes, boxes)
 
@@ -187,7 +218,7 @@ class Renderer:
         for index in self._order.seen_from(eye):
             if not visible[index]:
                 continue
-            surface, span = int(self._surface_of[index]), self._spans[index]
+            surface, span = int(self._mesh.surfaces[index]), self._mesh.spans[index]
             first_row, end_row, first_column, end_column = boxes.pixels[index].tolist()
             view = slice(first_row, end_row), slice(first_column, end_column)
             middle = 0.5 * (boxes.low[index] + boxes.high[index])
@@ -215,11 +246,11 @@ class Renderer:
         camera = self._camera
         with np.errstate(divide="ignore", invalid="ignore"):
             normalised = in_cam[:, :2] / in_cam[:, 2:]
-        low = np.minimum.reduceat(normalised, self._starts)
-        high = np.maximum.reduceat(normalised, self._starts)
+        low = np.minimum.reduceat(normalised, self._mesh.starts)
+        high = np.maximum.reduceat(normalised, self._mesh.starts)
         behind = in_cam[:, 2] < _NEAR
-        for index in np.flatnonzero(np.logical_or.reduceat(behind, self._starts)):
-            in_front = _in_front(in_cam[self._spans[index]])
+        for index in np.flatnonzero(np.logical_or.reduceat(behind, self._mesh.starts)):
+            in_front = _in_front(in_cam[self._mesh.spans[index]])
             rays = in_front[:, :2] / in_front[:, 2:] if len(in_front) else np.zeros((1, 2))
             low[index], high[index] = rays.min(axis=0), rays.max(axis=0)
         low, high = np.clip(low, *self._rays.field), np.clip(high, *self._rays.field)
@@ -241,8 +272,8 @@ class Renderer:
         margin = (_MARGIN + 1.0) / self._rays.scale
         corner = np.where(
             planes[:, :2] > 0.0,
-            (boxes.low - margin)[self._fragment_of],
-            (boxes.high + margin)[self._fragment_of],
+            (boxes.low - margin)[self._mesh.fragments],
+            (boxes.high + margin)[self._mesh.fragments],
         )
         least = np.sum(planes[:, :2] * corner, axis=1) + planes[:, 2]
         return np.asarray(least * self._rays.scale < 0.5)

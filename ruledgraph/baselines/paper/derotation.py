@@ -32,7 +32,8 @@ class Derotation:
 
     def __init__(self, body_T_cam: gtsam.Pose3, gyroscope_bias: FloatArray) -> None:
         self._body_T_cam = body_T_cam
-        self._bias = gtsam.imuBias.ConstantBias(np.zeros(3), gyroscope_bias)
+        self.bias = gtsam.imuBias.ConstantBias(np.zeros(3), gyroscope_bias)
+        """Of the IMU."""
         self._attitude = np.eye(3)
 
     def first(self, time: float) -> Inertial:
@@ -43,7 +44,7 @@ class Derotation:
         """The frame after another, s."""
         samples = imu.between(before.time, time)
         theta, dp, dv = np.split(
-            preintegrate_frames(samples, before.time, [time], self._bias).preintegrated[0], 3
+            preintegrate_frames(samples, before.time, [time], self.bias).preintegrated[0], 3
         )
         R, dt = self._attitude, time - before.time
         body = before.body + before.velocity * dt + R @ dp

@@ -4,7 +4,6 @@
 
 from collections import deque
 
-import gtsam
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -49,11 +48,7 @@ class PaperOdometry(Output):
         self._imu = ImuBuffer()
         self._waiting: deque[Frame] = deque()
         self._origin: int | None = None
-        self._bias = np.zeros(3)
-        self._derotation = Derotation(calibration.body_T_cam, self._bias)
-        self._level = np.eye(3)
-        self._place = np.zeros(3)
-        """Of the window's first camera in the frame of the first body pose, m."""
+        self._derotation = Derotation(calibration.body_T_cam, np.zeros(3))
         self._ended = False
         self._rulings: list[Rulings] = []
         self._rng = np.random.default_rng(0)
@@ -97,7 +92,7 @@ class PaperOdometry(Output):
         window, self.window = self.window, None
         for frame in window.frames:
             self.put(smoothed=[self._estimate(window, frame)])
-        rulings = window.rulings(self._level, self._place)
+        rulings = window.rulings()
         self._rulings.append(rulings)
         self.put(lines=window.line_estimates(rulings))
 
@@ -142,14 +137,14 @@ class PaperOdometry(Output):
             )
             return
         samples = self._imu.between(time, min(time + _REST, self._imu.latest))
-        if samples.gyroscope.std(axis=0).max() < _STILL:
-            self._bias = samples.gyroscope.mean(axis=0)
+        is_still = samples.gyroscope.std(axis=0).max() < _STILL
+        bias = samples.gyroscope.mean(axis=0) if is_still else np.zeros(3)
         early = samples.times <= time + _FIRST_FORCE
         force = samples.accelerometer[early].mean(axis=0)
-        self._derotation = Derotation(self.calibration.body_T_cam, self._bias)
+        self._derotation = Derotation(self.calibration.body_T_cam, bias)
         inertial = self._derotation.first(time)
         up = force / np.linalg.norm(force)
-        self._level = Rotation.align_vectors([0.0, 0.0, 1.0], up)[0].as_matrix()
+        level = Rotation.align_vectors([0.0, 0.0, 1.0], up)[0].as_matrix()
         V0 = np.pad(ends[:, 1] - ends[:, 0], ((0, 0), (0, 1)))
         V0 /= np.linalg.norm(V0, axis=1, keepdims=True)
         X0 = _FIRST_DISTANCE * np.pad(ends[:, 0], ((0, 0), (0, 1)), constant_values=1.0)
@@ -157,7 +152,7 @@ class PaperOdometry(Output):
         surfaces = Surfaces(X0, V0, np.zeros(3), inertial.rotation.T @ force)
         points = self._detector.points(frame.image)
         chosen = _near_lines(points, surfaces.distances(points, np.zeros(3)), self._rng)
-        self.window = Window(deque([Seen(frame.stamp, inertial, chosen)]), surfaces)
+        self.window = Window(deque([Seen(frame.stamp, inertial, chosen)]), surfaces, level)
 
     def _extrude(self, window: Window, frame: Frame, inertial: Inertial) -> None:
         """Algorithm 1, first half: the points near the predicted rulings."""
@@ -171,9 +166,7 @@ class PaperOdometry(Output):
     def _slide(self, window: Window) -> None:
         """Algorithm 2: hand out the first frame, and go on from the second."""
         self.put(smoothed=[self._estimate(window, window.frames[0])])
-        self._rulings.append(window.rulings(self._level, self._place))
-        first = window.frames[0].inertial
-        self._place = self._place - first.rotation @ window.displacement(window.frames[1])
+        self._rulings.append(window.rulings())
         window.slide()
 
     def _solve(self, window: Window) -> None:
@@ -197,17 +190,12 @@ class PaperOdometry(Output):
     # -- results ---------------------------------------------------------------------------------
 
     def _estimate(self, window: Window, frame: Seen) -> Estimate:
-        first = window.frames[0].inertial
-        place = self._place - first.rotation @ window.displacement(frame)
-        world_T_cam = gtsam.Pose3(
-            gtsam.Rot3(self._level @ frame.inertial.rotation), self._level @ place
-        )
         unknown = np.full((6, 6), np.nan)
         return Estimate(
             stamp=frame.stamp,
-            world_T_body=world_T_cam.compose(self.calibration.body_T_cam.inverse()),
-            velocity=-self._level @ first.rotation @ window.velocity(frame),
-            bias=gtsam.imuBias.ConstantBias(np.zeros(3), self._bias),
+            world_T_body=window.world_T_cam(frame).compose(self.calibration.body_T_cam.inverse()),
+            velocity=window.world_velocity(frame),
+            bias=self._derotation.bias,
             covariances=(unknown, unknown[:3, :3], unknown),
             lines=frame.lines,
             status="tracking" if frame.lines >= _FEWEST_LINES else "dead reckoning",

@@ -3,9 +3,10 @@
 """The frames of a window, and the surfaces estimated from their points."""
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import gtsam
 import numpy as np
 
 from ruledgraph.baselines.paper.derotation import Inertial, accelerated
@@ -51,6 +52,10 @@ class Window:
 
     frames: deque[Seen]
     surfaces: Surfaces
+    level: FloatArray
+    """world_R_first, of the frame of the first body pose, (3, 3)."""
+    position: FloatArray = field(default_factory=lambda: np.zeros(3))
+    """Of the window's first camera in that frame, (3,), m."""
 
     @property
     def lines(self) -> FloatArray:
@@ -100,24 +105,31 @@ class Window:
         old, second = self.frames[0].inertial, self.frames[1]
         X, velocity, surfaces = self.displacement(second), self.velocity(second), self.surfaces
         turn = second.inertial.rotation.T @ old.rotation
+        self.position = self.position - old.rotation @ X
         V0 = surfaces.V0 @ turn.T
         S = (surfaces.X0 + X) @ turn.T
         X0 = S - np.sum(S * V0, axis=1, keepdims=True) * V0
         self.surfaces = Surfaces(X0, V0, turn @ velocity, turn @ surfaces.gravity)
         self.frames.popleft()
 
-    def rulings(self, level: FloatArray, place: FloatArray) -> Rulings:
-        """The lines in the world.
+    def world_T_cam(self, frame: Seen) -> gtsam.Pose3:
+        """The pose of a frame's camera."""
+        first = self.frames[0].inertial
+        position = self.position - first.rotation @ self.displacement(frame)
+        rotation = gtsam.Rot3(self.level @ frame.inertial.rotation)
+        return gtsam.Pose3(rotation, self.level @ position)
 
-        Args:
-            level: rotation world_R_first, of the frame in which `place` is, (3, 3).
-            place: position of the window's first camera in that frame, (3,), m.
-        """
+    def world_velocity(self, frame: Seen) -> FloatArray:
+        """Of a frame's camera in the world, (3,), m/s."""
+        return -self.level @ self.frames[0].inertial.rotation @ self.velocity(frame)
+
+    def rulings(self) -> Rulings:
+        """The lines in the world."""
         first = self.frames[0]
-        R = level @ first.inertial.rotation
+        R = self.level @ first.inertial.rotation
         X0, V0 = self.surfaces.X0, self.surfaces.V0
         ends = np.stack([X0, X0 + V0], axis=1)
-        return Rulings(first.stamp, ends @ R.T + level @ place)
+        return Rulings(first.stamp, ends @ R.T + self.level @ self.position)
 
     def line_estimates(self, rulings: Rulings) -> list[LineEstimate]:
         """The lines, in the world, as far as their points in the window reach, alpha of eq. 15."""
