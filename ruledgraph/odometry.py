@@ -11,7 +11,8 @@ from ruledgraph.core.output import Output
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.frontend.tracker import Tracker
 from ruledgraph.imu.frame_history import EARLY
-from ruledgraph.imu.synchronizer import Synchronizer, image_fault
+from ruledgraph.imu.image_input import image_fault
+from ruledgraph.imu.synchronizer import Synchronizer
 from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.segment_sequence import SegmentSequence
 from ruledgraph.integrity.segment import Stages

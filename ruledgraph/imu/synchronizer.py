@@ -8,16 +8,15 @@ Faults of the sensors that a stream shows are noticed here: silences, hanging, s
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import Calibration, CameraModel
+from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import DEFAULTS, ImuConfig
-from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import MAX_IMU_GAP, Frame, Gap, ImuSample
-from ruledgraph.core.stamps import CLOSEST_FRAMES, CLOSEST_SAMPLES, StampUnit
+from ruledgraph.core.stamps import CLOSEST_SAMPLES, StampUnit
 from ruledgraph.core.timing import Messages
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.frame_history import FrameHistory, FrameTime
+from ruledgraph.imu.image_input import ImageInput
 from ruledgraph.imu.imu_input import ImuInput
 from ruledgraph.imu.waiting_frames import WaitingFrames
 
@@ -32,7 +31,6 @@ class Synchronizer:
         self, calibration: Calibration, warnings: Messages, config: ImuConfig = DEFAULTS.imu
     ) -> None:
         self._imu_input = ImuInput(warnings, config)
-        self.imu = self._imu_input.buffer
         self.frames = FrameHistory()
         """The frames that were processed."""
         self.correction = 0.0
@@ -44,13 +42,16 @@ class Synchronizer:
         self._warnings = warnings
         self._origin: int | None = None
         self._imu_unit = StampUnit("IMU samples", CLOSEST_SAMPLES, MAX_IMU_GAP)
-        self._image_unit = StampUnit("images", CLOSEST_FRAMES)
+        self._image_input = ImageInput(calibration.camera)
         # By a known offset between the clocks frames wait longer.
         longest = config.max_frame_wait + max(calibration.time_offset, 0.0)
         self._waiting = WaitingFrames(round(longest * 1e9))
-        self._image: Frame | None = None
-        self._newest: Frame | None = None
         self._silence_reported = False
+
+    @property
+    def imu(self) -> ImuBuffer:
+        """The latest samples."""
+        return self._imu_input.buffer
 
     def seconds(self, stamp: int) -> float:
         """Time of a stamp of the IMU's clock: since the first one."""
@@ -74,18 +75,13 @@ class Synchronizer:
             RuledgraphError: for an image that is not grey, of 8 bit and of the calibration's size,
                 and for stamps in another unit.
         """
-        if fault := image_fault(frame, self._calibration.camera):
-            raise RuledgraphError(fault)
-        self._image_unit.check(frame.stamp)
-        last, self._image = self._image, frame
-        if last is not None and frame.stamp != last.stamp and _same(frame.image, last.image):
+        hangs, frame = self._image_input.checked(frame)
+        if hangs:
             self._warnings.once(
                 "the camera hangs",
                 f"the camera hangs at {self.frame_time(frame):.2f} s: images that repeat the one "
                 "before are not used",
             )
-            frame = Frame(frame.stamp, np.zeros_like(frame.image))
-        self._newest = frame
         self._put(frame)
         if self._ahead() > self._config.silent_time and not self._silence_reported:
             self._silence_reported = True
@@ -120,7 +116,7 @@ class Synchronizer:
     @property
     def waits_for(self) -> str:
         """The sensor that is silent, as the other one's stamps tell: `IMU`, `images`, or empty."""
-        latest, newest = self.imu.latest, self._newest
+        latest, newest = self.imu.latest, self._image_input.newest
         if latest == -np.inf or self._ahead() > self._config.silent_time:
             return "IMU"
         behind = self._config.silent_time + max(-self._calibration.time_offset, 0.0)
@@ -175,22 +171,6 @@ class Synchronizer:
             self._waiting.take()
 
 
-def image_fault(frame: Frame, camera: CameraModel) -> str:
-    """What is wrong with a frame's image, empty if nothing is."""
-    image = frame.image
-    if image.dtype != np.uint8:
-        return f"a frame's image is {image.dtype}; convert images to 8 bit, uint8"
-    if image.ndim != 2:
-        return f"a frame's image has shape {image.shape}; convert images to grey, (height, width)"
-    height, width = image.shape
-    if (width, height) != (camera.width, camera.height):
-        return (
-            f"a frame is {width}x{height}, but the calibration is for {camera.width}x"
-            f"{camera.height}; use the calibration of this camera and resolution"
-        )
-    return ""
-
-
 def _silence(imu: ImuBuffer, ahead: float, config: ImuConfig) -> str:
     """What there is to say when images are so far ahead (s) of the IMU."""
     if imu.latest == -np.inf:
@@ -208,9 +188,3 @@ def _silence(imu: ImuBuffer, ahead: float, config: ImuConfig) -> str:
 def _late(time: float) -> tuple[str, str]:
     """Kind and text of a warning."""
     return "late", f"a frame at {time:.2f} s came after a later one: such are not used"
-
-
-def _same(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
-    """Whether two images are equal; one row tells most apart."""
-    row = len(image) // 2
-    return np.array_equal(image[row], other[row]) and np.array_equal(image, other)

@@ -7,15 +7,16 @@ from collections.abc import Callable
 import numpy as np
 
 from ruledgraph.core.config import RestConfig
-from ruledgraph.imu.frame_history import EARLY
-from ruledgraph.imu.synchronizer import Synchronizer
+from ruledgraph.imu.buffer import ImuBuffer
+from ruledgraph.imu.frame_history import EARLY, FrameHistory
 
 
 class RestDetector:
     """Compares the IMU's variation and the image's motion with what rest shows.
 
     Args:
-        sensors: with the samples and the frames' times.
+        imu: the samples.
+        frames: their times.
         image_motion: of the lines since the frame of a stamp, px, by no fewer than a number of
             them, see `Tracker.image_motion`.
         config: what rest shows.
@@ -23,14 +24,15 @@ class RestDetector:
 
     def __init__(
         self,
-        sensors: Synchronizer,
+        imu: ImuBuffer,
+        frames: FrameHistory,
         image_motion: Callable[[int, int], float],
         config: RestConfig,
     ) -> None:
         self._config = config
         self._span = config.duration - EARLY
-        self._imu = sensors.imu
-        self._frames = sensors.frames
+        self._imu = imu
+        self._frames = frames
         self._image_motion = image_motion
 
     def is_still(self, time: float, rests_since: float | None = None) -> bool:

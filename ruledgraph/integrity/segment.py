@@ -39,7 +39,7 @@ class Stages(NamedTuple):
         """Those of an odometry with this output."""
         sensors = Synchronizer(calibration, output.warnings, config.imu)
         front_end = FrontEnd(calibration.camera, config.edges, config.tracks, output.timings)
-        rest = RestDetector(sensors, front_end.image_motion, config.rest)
+        rest = RestDetector(sensors.imu, sensors.frames, front_end.image_motion, config.rest)
         given = calibration.time_offset
         clock = CameraClock(sensors, given, config.time_offset, output.warnings)
         return cls(sensors, front_end, rest, clock, output)

@@ -13,7 +13,7 @@ from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import MAX_IMU_GAP, Frame, ImuSample
 from ruledgraph.core.stamps import CLOSEST_FRAMES, CLOSEST_SAMPLES
 from ruledgraph.core.trajectory import seconds
-from ruledgraph.imu.synchronizer import image_fault
+from ruledgraph.imu.image_input import image_fault
 
 # So many samples in a row that are too far apart to be integrated are in another unit.
 _SPARSE = 3

@@ -26,10 +26,14 @@ class Run:
     def __init__(self, made: IdealTracks, image_motion: float) -> None:
         self.output = Output()
         self.sensors = Synchronizer(CALIBRATION, self.output.warnings)
-        self.sensors.imu = made.imu
+        samples = made.imu.between(made.imu.earliest, made.imu.latest)
+        for sample in zip(samples.times, samples.gyroscope, samples.accelerometer, strict=True):
+            self.sensors.imu.append(*sample)
         front_end = SimpleNamespace(observed=lambda: made.tracks, retime=lambda _: None)
         config = Config()
-        rest = RestDetector(self.sensors, lambda *_: image_motion, config.rest)
+        rest = RestDetector(
+            self.sensors.imu, self.sensors.frames, lambda *_: image_motion, config.rest
+        )
         stages = Stages(self.sensors, front_end, rest, None, self.output)
         clock_search = ClockSearch(CALIBRATION, config, self.output.warnings)
         self.initializer = Initializer(CALIBRATION, clock_search, stages)

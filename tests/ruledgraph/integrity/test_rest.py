@@ -3,27 +3,24 @@
 
 import numpy as np
 
-from ideal_tracks import CALIBRATION, IdealTracks, at_rest, ideal_tracks
+from ideal_tracks import IdealTracks, at_rest, ideal_tracks
 from ruledgraph.core.config import RestConfig
-from ruledgraph.core.timing import Messages
-from ruledgraph.imu.frame_history import FrameTime
-from ruledgraph.imu.synchronizer import Synchronizer
+from ruledgraph.imu.frame_history import FrameHistory, FrameTime
 from ruledgraph.integrity.rest import RestDetector
 from simulated_window import hand_held
 
 
 def is_still(made: IdealTracks, image_motion: float, since: float | None = None) -> bool:
-    sensors = Synchronizer(CALIBRATION, Messages())
-    sensors.imu = made.imu
+    frames = FrameHistory()
     for stamp, time in zip(made.stamps, made.times.tolist(), strict=True):
-        sensors.frames.append(FrameTime(stamp, time))
+        frames.append(FrameTime(stamp, time))
     asked = []
 
     def motion(stamp: int, _min_lines: int) -> float:
         asked.append(stamp)
         return image_motion
 
-    still = RestDetector(sensors, motion, RestConfig()).is_still(0.8, since)
+    still = RestDetector(made.imu, frames, motion, RestConfig()).is_still(0.8, since)
     if since is not None and still:
         assert abs(asked[-1] * 1e-9 - since) < 0.04  # the frame then, at 30 Hz
     return still

@@ -1,0 +1,59 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Images as they come: what is wrong with one, and whether the camera hangs."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.measurements import Frame
+from ruledgraph.core.stamps import CLOSEST_FRAMES, StampUnit
+
+
+class ImageInput:
+    """Checks each frame against the calibration and the frame before it."""
+
+    def __init__(self, camera: CameraModel) -> None:
+        self.newest: Frame | None = None
+        """The last frame that was checked."""
+        self._camera = camera
+        self._unit = StampUnit("images", CLOSEST_FRAMES)
+
+    def checked(self, frame: Frame) -> tuple[bool, Frame]:
+        """Whether the camera hangs, and the frame as it may be used: of a hanging camera's, which
+        repeats the image before, nothing is shown.
+
+        Raises:
+            RuledgraphError: for an image that is not grey, of 8 bit and of the calibration's size,
+                and for stamps in another unit.
+        """
+        if fault := image_fault(frame, self._camera):
+            raise RuledgraphError(fault)
+        self._unit.check(frame.stamp)
+        last, self.newest = self.newest, frame
+        if last is None or frame.stamp == last.stamp or not _same(frame.image, last.image):
+            return False, frame
+        return True, Frame(frame.stamp, np.zeros_like(frame.image))
+
+
+def image_fault(frame: Frame, camera: CameraModel) -> str:
+    """What is wrong with a frame's image, empty if nothing is."""
+    image = frame.image
+    if image.dtype != np.uint8:
+        return f"a frame's image is {image.dtype}; convert images to 8 bit, uint8"
+    if image.ndim != 2:
+        return f"a frame's image has shape {image.shape}; convert images to grey, (height, width)"
+    height, width = image.shape
+    if (width, height) != (camera.width, camera.height):
+        return (
+            f"a frame is {width}x{height}, but the calibration is for {camera.width}x"
+            f"{camera.height}; use the calibration of this camera and resolution"
+        )
+    return ""
+
+
+def _same(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
+    """Whether two images are equal; one row tells most apart."""
+    row = len(image) // 2
+    return np.array_equal(image[row], other[row]) and np.array_equal(image, other)
