@@ -6,6 +6,9 @@ Whatever is slow to import is imported where it is used, so that `--help` comes 
 """
 
 import gc
+import os
+import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +25,10 @@ from ruledgraph.app.options import (
     recording_options,
 )
 from ruledgraph.app.settings_command import settings
-from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.errors import MachineError, RuledgraphError, machine_error
+
+# Exit code without disk space, memory or threads.
+_MACHINE = 4
 
 
 class _Group(click.Group):
@@ -33,12 +39,32 @@ class _Group(click.Group):
         first = [name for name in workflow if name in self.commands]
         return [*first, *sorted(self.commands.keys() - set(first))]
 
+    def main(self, *args: Any, **extra: Any) -> Any:
+        try:
+            return super().main(*args, **extra)
+        except Exception as error:
+            trouble = machine_error(error)
+            if trouble is None:
+                raise
+            _complain(trouble)
+            sys.exit(_MACHINE)
+
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
+        except MachineError:
+            raise
         except RuledgraphError as error:
             click.echo(f"ruledgraph: {error}", err=True)
             ctx.exit(2)
+
+
+def _complain(error: MachineError) -> None:
+    """Say it, and no more: what standard output did not take would be tried again at the end."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    with suppress(OSError):
+        click.echo(f"ruledgraph: {error}", err=True)
 
 
 def _print_version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:

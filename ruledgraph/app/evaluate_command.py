@@ -109,6 +109,7 @@ def _names(estimates: Sequence[str]) -> list[str]:
 
 def _draw(results: Mapping[str, _Evaluated], folder: Path) -> list[Path]:
     """All estimates together."""
+    from ruledgraph.core.figure_style import save_figure
     from ruledgraph.visualization.comparison_figures import evaluation_figures
 
     paths = []
@@ -116,7 +117,7 @@ def _draw(results: Mapping[str, _Evaluated], folder: Path) -> list[Path]:
         figures = evaluation_figures({name: each.found for name, each in results.items()})
         for name, figure in figures.items():
             paths.append(folder / f"{name}.png")
-            figure.savefig(paths[-1], dpi=130)
+            save_figure(figure, paths[-1], 130)
     return paths
 
 

@@ -5,6 +5,7 @@
 from pathlib import Path
 
 from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.line_file import write_whole
 
 
 def write_ply(path: Path, ends: FloatArray) -> None:
@@ -20,14 +21,14 @@ def write_ply(path: Path, ends: FloatArray) -> None:
         "end_header",
     ]
     edges = [f"{2 * i} {2 * i + 1}" for i in range(len(ends))]
-    path.write_text("\n".join([*header, *_vertices(ends), *edges]) + "\n", encoding="ascii")
+    write_whole(path, "\n".join([*header, *_vertices(ends), *edges]) + "\n")
 
 
 def write_obj(path: Path, ends: FloatArray) -> None:
     """Write line segments (L, 2, 3), m, as the lines of a Wavefront OBJ file."""
     vertices = [f"v {vertex}" for vertex in _vertices(ends)]
     lines = [f"l {2 * i + 1} {2 * i + 2}" for i in range(len(ends))]
-    path.write_text("\n".join([*vertices, *lines, ""]), encoding="ascii")
+    write_whole(path, "\n".join([*vertices, *lines, ""]))
 
 
 def _vertices(ends: FloatArray) -> list[str]:

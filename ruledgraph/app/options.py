@@ -99,9 +99,11 @@ def make_way(*paths: Path) -> None:
 
 def _remove(path: Path) -> None:
     try:
-        if not path.is_dir() or path.is_symlink():
+        if path.is_file() or path.is_symlink() or not path.exists():
             path.unlink(missing_ok=True)
             return
+        if not path.is_dir():
+            raise RuledgraphError(f"{path}: is no file; --force leaves it alone")
         if any(path.iterdir()) and not any(any(path.glob(mark)) for mark in _MARKS):
             raise RuledgraphError(
                 f"{path}: holds neither a recording nor results; --force leaves it alone"

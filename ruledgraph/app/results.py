@@ -4,9 +4,10 @@
 
 import csv
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,8 +15,9 @@ from ruledgraph.app.line_files import write_obj, write_ply
 from ruledgraph.app.trajectory_files import TRAJECTORY_FORMATS, TrajectoryFormat
 from ruledgraph.core.config import Config
 from ruledgraph.core.context import Closing
-from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.errors import MachineError, RuledgraphError
 from ruledgraph.core.estimates import Estimate, LineEstimate
+from ruledgraph.core.line_file import LineFile, write_whole
 from ruledgraph.core.settings import config_text
 from ruledgraph.core.trajectory import TumWriter, seconds
 from ruledgraph_factors import STANDARD_GRAVITY
@@ -52,6 +54,11 @@ _LINE_COLUMNS = [
 ]
 
 
+# Kept free for what is written at the end, bytes: the poses and lines of the window, and the
+# summary that says why it ended, for want of space, too.
+_RESERVE = 2**17
+
+
 class ResultsError(RuledgraphError):
     """A folder that cannot take the results."""
 
@@ -80,7 +87,10 @@ class Results(Closing):
             folder.mkdir(parents=True, exist_ok=True)
             if any(folder.iterdir()):
                 raise ResultsError(f"{folder}: is not empty; name another folder with --output")
-            (folder / "config.yaml").write_text(config_text(config), encoding="utf-8")
+            write_whole(folder / "config.yaml", config_text(config))
+            self._reserve = folder / ".reserve"
+            with suppress(MachineError):  # without it the end may not be written
+                write_whole(self._reserve, bytes(_RESERVE))
             self._live = TumWriter(folder / "trajectory_live.tum")
             self._smoothed = TumWriter(folder / "trajectory.tum")
             self._states_file, self._states = _table(folder / "states.csv", _STATE_COLUMNS)
@@ -98,28 +108,58 @@ class Results(Closing):
         smoothed: Sequence[Estimate],
         lines: Sequence[LineEstimate],
     ) -> None:
-        """Append."""
-        for estimate in live:
-            self._live.append(estimate.stamp, estimate.world_T_body)
-            for file in self._more_live:
-                file.append(estimate)
-            if estimate.at_node:
-                self._states.writerow(_state_row(estimate))
-        for estimate in smoothed:
-            self._smoothed.append(estimate.stamp, estimate.world_T_body)
-            for file in self._more_smoothed:
-                file.append(estimate)
-        for line in lines:
-            self._lines.writerow(_line_row(line))
-            self._ends.append(line.ends)
+        """Append, each file what it can take.
+
+        Raises:
+            MachineError: when one is full.
+        """
+        trouble: MachineError | None = None
+        for append, items in (
+            (self._append_live, live),
+            (self._append_smoothed, smoothed),
+            (self._append_line, lines),
+        ):
+            trouble = _appended(append, items) or trouble
+        if trouble is not None:
+            raise trouble
+
+    def _append_live(self, estimate: Any) -> None:
+        self._live.append(estimate.stamp, estimate.world_T_body)
+        for file in self._more_live:
+            file.append(estimate)
+        if estimate.at_node:
+            self._states.writerow(_state_row(estimate))
+
+    def _append_smoothed(self, estimate: Any) -> None:
+        self._smoothed.append(estimate.stamp, estimate.world_T_body)
+        for file in self._more_smoothed:
+            file.append(estimate)
+
+    def _append_line(self, line: Any) -> None:
+        self._ends.append(line.ends)
+        self._lines.writerow(_line_row(line))
+
+    def use_reserve(self) -> None:
+        """Give back the space that was kept for the end."""
+        with suppress(OSError):
+            self._reserve.unlink()
 
     def summarize(self, summary: dict[str, Any]) -> None:
-        """Write `summary.json`."""
+        """Write `summary.json`.
+
+        Raises:
+            MachineError: when it cannot be written.
+        """
         text = json.dumps(summary, indent=2, allow_nan=False)
-        (self.folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+        write_whole(self.folder / "summary.json", text + "\n")
 
     def close(self) -> None:
-        """Close the tables and write the files of lines."""
+        """Close the tables and write the files of lines.
+
+        Raises:
+            MachineError: when these do not fit.
+        """
+        self.use_reserve()
         for file in (self._live, self._smoothed, self._states_file, self._lines_file):
             file.close()
         for more in (*self._more_live, *self._more_smoothed):
@@ -129,8 +169,18 @@ class Results(Closing):
         write_obj(self.folder / "lines.obj", ends)
 
 
-def _table(path: Path, columns: list[str]) -> tuple[TextIO, Any]:
-    file = path.open("x", encoding="ascii", newline="", buffering=1)
+def _appended(append: Callable[[Any], None], items: Sequence[Any]) -> MachineError | None:
+    """Append as many as it takes; why not all."""
+    try:
+        for item in items:
+            append(item)
+    except MachineError as error:
+        return error
+    return None
+
+
+def _table(path: Path, columns: list[str]) -> tuple[LineFile, Any]:
+    file = LineFile(path)
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(columns)
     return file, writer

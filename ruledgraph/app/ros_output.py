@@ -14,7 +14,7 @@ from rosbags import rosbag2
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.context import Closing
-from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.errors import RuledgraphError, machine_error
 from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.trajectory import quaternion_xyzw
 from ruledgraph.recording.messages import types
@@ -88,13 +88,21 @@ class Ros2Output(Closing):
             self._send("/lines", _MARKERS, self._last, markers=markers)
 
     def close(self) -> None:
-        """Write the path and give the file its name."""
-        if self._path:
-            header = self._header(self._last, WORLD)
-            self._send("/path", _PATH, self._last, header=header, poses=self._path)
-        self._writer.close()
-        (self._bag / f"{self._bag.name}.mcap").rename(self.path)
-        self._folder.cleanup()
+        """Write the path and give the file its name.
+
+        Raises:
+            MachineError: when not all could be written; the file then lacks its end.
+        """
+        try:
+            if self._path:
+                header = self._header(self._last, WORLD)
+                self._send("/path", _PATH, self._last, header=header, poses=self._path)
+            self._writer.close()
+        except OSError as error:
+            raise (machine_error(error, self.path) or error) from None
+        finally:
+            (self._bag / f"{self._bag.name}.mcap").rename(self.path)
+            self._folder.cleanup()
 
     def _write_pose(self, estimate: Estimate) -> None:
         pose, twist = estimate.world_T_body, np.zeros(6)
@@ -159,7 +167,10 @@ class Ros2Output(Closing):
                 topic, type_name, typestore=self._store
             )
         data = self._store.serialize_cdr(self._new(type_name, **fields), type_name)
-        self._writer.write(self._connections[topic], stamp, data)
+        try:
+            self._writer.write(self._connections[topic], stamp, data)
+        except OSError as error:
+            raise (machine_error(error, self.path) or error) from None
 
     def _new(self, type_name: str, *values: Any, **fields: Any) -> Any:
         return self._store.types[type_name](*values, **fields)

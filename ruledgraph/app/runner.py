@@ -4,8 +4,8 @@
 
 import time as clock
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, closing, nullcontext, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from ruledgraph.app.results import Results
 from ruledgraph.app.trajectory_files import TrajectoryFormat
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
-from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.errors import RuledgraphError, machine_error
 from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.core.trajectory import read_tum
@@ -111,59 +111,88 @@ def run(
         What `summary.json` holds.
 
     Raises:
-        RuledgraphError: for a recording that holds nothing to work on; results are in `output`.
+        RuledgraphError: for a recording that holds nothing to work on; `MachineError` without
+            disk space, memory or threads. Results are in `output`.
     """
     odometry = _odometry(solver, calibration, config)
     reading: AbstractContextManager[Iterable[Measurement]] = nullcontext(measurements)
     if isinstance(odometry, Odometry):
         reading = closing(ahead(measurements, partial(_prepare, odometry), _AHEAD))
     tally = _Tally()
-    ended = "complete"
     started = clock.perf_counter()
-    with Results(output, config, formats) as results, CaughtSignals() as caught:
-        writers = [results.write, *([record] if record is not None else [])]
-        try:
-            with reading as taken:
-                for measurement in taken:
-                    if caught.number:
-                        ended = "interrupted"
-                        break
-                    odometry.add(measurement)
-                    if isinstance(measurement, Frame):
-                        _hand_over(odometry, writers, tally, measurement)
-                        if watch is not None and isinstance(odometry, Odometry):
-                            watch(odometry, measurement)
-                        if on_progress is not None:
-                            on_progress(_progress(odometry, tally))
-        except KeyboardInterrupt:
-            ended = "interrupted"
-        except RuledgraphError as error:
-            ended = str(error)
-            raise
-        except BaseException as error:
-            ended = f"{type(error).__name__}: {error}"
-            raise
-        finally:
+    results = Results(output, config, formats)
+    writers = [results.write, *([record] if record is not None else [])]
+    first = _FirstError()
+    with CaughtSignals() as caught:
+        with first.kept(), reading as taken:
+            for measurement in taken:
+                if caught.number:
+                    break
+                odometry.add(measurement)
+                if isinstance(measurement, Frame):
+                    _hand_over(odometry, writers, tally, measurement)
+                    if watch is not None and isinstance(odometry, Odometry):
+                        watch(odometry, measurement)
+                    if on_progress is not None:
+                        on_progress(_progress(odometry, tally))
+        results.use_reserve()
+        with first.kept():
             odometry.finish()
+        with first.kept():
             _hand_over(odometry, writers, tally, None)
-            elapsed = clock.perf_counter() - started
-            lines = [*warnings(), *odometry.warnings]
-            about = {
-                "versions": version_text(),
-                "machine": machine_text(),
-                "solver": solver,
-                "inputs": dict(inputs or {}),
-            }
-            summary = about | _summary(odometry, tally, elapsed, lines, ended)
-            if caught.number:
-                summary["signal"] = caught.number
-            if ended == "complete" and tally.estimates < _FEW * max(tally.frames, 1):
+        with first.kept():
+            results.close()
+        elapsed = clock.perf_counter() - started
+        lines = [*warnings(), *odometry.warnings]
+        about = {
+            "versions": version_text(),
+            "machine": machine_text(),
+            "solver": solver,
+            "inputs": dict(inputs or {}),
+        }
+        ended = "interrupted" if caught.number or first.is_interrupt else first.text
+        summary = about | _summary(odometry, tally, elapsed, lines, ended or "complete")
+        if caught.number:
+            summary["signal"] = caught.number
+        with first.kept():
+            if not ended and tally.estimates < _FEW * max(tally.frames, 1):
                 summary["likely_causes"] = causes()
             if ground_truth is not None and tally.estimates:
                 summary["accuracy"] = _accuracy(output, ground_truth)
                 _note_ground_truth(output, ground_truth)
+        with first.kept():
             results.summarize(summary)
+    if first.error is not None and not first.is_interrupt:
+        raise first.error
     return summary
+
+
+class _FirstError:
+    """What went wrong first: everything else is tried all the same."""
+
+    def __init__(self) -> None:
+        self.error: BaseException | None = None
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Keep what is raised inside, unless there was an error before."""
+        try:
+            yield
+        except BaseException as error:  # noqa: BLE001 - raised at the end
+            if self.error is None:
+                self.error = machine_error(error) or error
+
+    @property
+    def is_interrupt(self) -> bool:
+        """Whether it is a Ctrl-C outside the time in which signals are noted."""
+        return isinstance(self.error, KeyboardInterrupt)
+
+    @property
+    def text(self) -> str:
+        """In a line, empty without one."""
+        if self.error is None or isinstance(self.error, RuledgraphError):
+            return "" if self.error is None else str(self.error)
+        return f"{type(self.error).__name__}: {self.error}"
 
 
 def _odometry(

@@ -220,6 +220,8 @@ def _tune_process() -> None:
     """Settings of the whole process, which is the command's own."""
     # There are enough threads: OpenCV's own would wait for each other.
     cv2.setNumThreads(1)
+    # What goes wrong with a video is said once, at its end, not for each image.
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
     # Images come and go, and glibc would give their memory back to the kernel and ask for it anew
     # each time, which takes some five to ten per cent of the time.
     with suppress(AttributeError):  # other C libraries have no such function

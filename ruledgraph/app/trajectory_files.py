@@ -4,13 +4,14 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal, TextIO, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.context import Closing
 from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.line_file import LineFile
 from ruledgraph.core.trajectory import seconds
 
 TrajectoryFormat: TypeAlias = Literal["kitti", "euroc"]
@@ -30,8 +31,8 @@ class KittiFiles(Closing):
     """
 
     def __init__(self, folder: Path, name: str) -> None:
-        self._poses = _create(folder / f"{name}_kitti.txt")
-        self._times = _create(folder / f"{name}_kitti_times.txt")
+        self._poses = LineFile(folder / f"{name}_kitti.txt")
+        self._times = LineFile(folder / f"{name}_kitti_times.txt")
 
     def append(self, estimate: Estimate) -> None:
         """Write a pose."""
@@ -48,7 +49,7 @@ class EurocFile(Closing):
     """`NAME_euroc.csv`: pose, velocity and biases, as EuRoC's `state_groundtruth_estimate0`."""
 
     def __init__(self, folder: Path, name: str) -> None:
-        self._file = _create(folder / f"{name}_euroc.csv")
+        self._file = LineFile(folder / f"{name}_euroc.csv")
         self._file.write(f"{_EUROC_COLUMNS}\n")
 
     def append(self, estimate: Estimate) -> None:
@@ -74,10 +75,6 @@ TRAJECTORY_FORMATS: dict[TrajectoryFormat, Callable[[Path, str], KittiFiles | Eu
     "kitti": KittiFiles,
     "euroc": EurocFile,
 }
-
-
-def _create(path: Path) -> TextIO:
-    return path.open("x", encoding="ascii", buffering=1)
 
 
 def _texts(numbers: FloatArray) -> list[str]:

@@ -4,10 +4,13 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+
+from ruledgraph.core.errors import machine_error
 
 Color = tuple[int, int, int]
 """Red, green, blue, 0 to 255."""
@@ -93,3 +96,16 @@ def status_color(status: str) -> str:
 def rgb(color: str) -> Color:
     """Of a colour written as #rrggbb."""
     return int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16)
+
+
+def save_figure(figure: Figure, path: Path, dpi: int) -> None:
+    """Write a PNG that is whole, or none.
+
+    Raises:
+        MachineError: without space.
+    """
+    try:
+        figure.savefig(path, dpi=dpi)
+    except OSError as error:
+        path.unlink(missing_ok=True)
+        raise (machine_error(error, path) or error) from None

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.errors import RuledgraphError, machine_error
 
 
 class FolderError(RuledgraphError):
@@ -37,4 +37,5 @@ def new_folder(folder: Path) -> Iterator[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         yield folder
     except OSError as error:
-        raise FolderError(f"{folder}: cannot be written: {error.strerror}") from None
+        fault = FolderError(f"{folder}: cannot be written: {error.strerror}")
+        raise (machine_error(error, folder) or fault) from None

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.line_file import LineFile
 from ruledgraph.core.text_table import TableError, read_table
 
 # Printed digits and float32 pass; other columns taken for a quaternion do not.
@@ -135,14 +136,14 @@ class TumWriter(Closing):
         self._last_stamp = -1
         self._last_quaternion = _IDENTITY
         try:
-            self._file = self.path.open("x", encoding="ascii", buffering=1)
+            self._file = LineFile(self.path)
         except FileExistsError:
             raise TrajectoryError(f"{path}: exists already, choose another name") from None
         except OSError as error:
             raise TrajectoryError(f"{path}: cannot be written: {error.strerror}") from None
 
     def append(self, stamp: int, pose: gtsam.Pose3) -> None:
-        """Write world_T_body at a stamp, ns, later than the last."""
+        """Write world_T_body at a stamp, ns, later than the last; `MachineError` without space."""
         self.append_row(stamp, pose.translation(), quaternion_xyzw(pose))
 
     def append_row(self, stamp: int, position: FloatArray, quaternion: FloatArray) -> None:
@@ -155,10 +156,7 @@ class TumWriter(Closing):
         q = -quaternion if quaternion @ self._last_quaternion < 0.0 else quaternion
         self._last_stamp, self._last_quaternion = int(stamp), q
         numbers = " ".join(repr(float(x)) for x in (*position, *q))
-        try:
-            self._file.write(f"{seconds(stamp)} {numbers}\n")
-        except OSError as error:
-            raise TrajectoryError(f"{self.path}: cannot be written: {error.strerror}") from None
+        self._file.write(f"{seconds(stamp)} {numbers}\n")
 
     def close(self) -> None:
         """Close the file."""

@@ -45,5 +45,5 @@ def draw_timing(seen: Observations, folder: Path) -> Path:
                 panel.set(title=name, ylabel=unit, ylim=limits)
                 panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4)
         panels[-1].set_xlabel("time (s)")
-        figure.savefig(folder / "timing.png", dpi=110)
+        style.save_figure(figure, folder / "timing.png", 110)
     return folder / "timing.png"

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.context import Closing
-from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.errors import RuledgraphError, machine_error
 from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.live.sensor_queue import SensorQueue, Signal
@@ -86,7 +86,10 @@ class LiveOdometry(Closing):
         self._error: BaseException | None = None
         self._last_report = -_BETWEEN_REPORTS
         self._worker = threading.Thread(target=self._work, name="ruledgraph", daemon=True)
-        self._worker.start()
+        try:
+            self._worker.start()
+        except RuntimeError as error:
+            raise (machine_error(error) or error) from None
 
     # -- input -----------------------------------------------------------------------------------
 
@@ -222,8 +225,8 @@ class LiveOdometry(Closing):
             self._odometry.finish()
             self._hand_out()
         except BaseException as error:  # noqa: BLE001 - raised where the next measurement is added
-            self._error = error
-            _log.error("the odometry ended: %s: %s", type(error).__name__, error)
+            self._error = machine_error(error) or error
+            _log.error("the odometry ended: %s: %s", type(self._error).__name__, self._error)
 
     def _hand_out(self) -> None:
         on_pose, on_smoothed, on_line = self._callbacks

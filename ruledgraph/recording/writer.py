@@ -12,6 +12,7 @@ from rosbags.rosbag1.writer import WriterError as Rosbag1Error
 from rosbags.rosbag2 import WriterError as Rosbag2Error
 
 from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.errors import machine_error
 from ruledgraph.core.measurements import Gap, Measurement
 from ruledgraph.recording.container import Kind
 from ruledgraph.recording.errors import RecordingError
@@ -69,7 +70,8 @@ def write_recording(
                         sink.write(item)
             sink.path.rename(out)
     except (OSError, sqlite3.Error, Rosbag1Error, Rosbag2Error) as error:
-        raise RecordingError(f"{out} cannot be written: {error}") from None
+        fault = RecordingError(f"{out} cannot be written: {error}")
+        raise (machine_error(error, out) or fault) from None
 
 
 def kind_of(out: Path, kind: Kind | None) -> Kind:

@@ -12,6 +12,8 @@ from matplotlib.figure import Figure
 
 from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.figure_style import save_figure
+from ruledgraph.core.line_file import write_whole
 from ruledgraph.core.measurements import Frame
 from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.odometry import Odometry
@@ -71,14 +73,15 @@ class PlotRecorder:
         folder = output / "plots"
         folder.mkdir()
         for stamp, image in self._overlays.items():
-            cv2.imwrite(str(folder / f"overlay_{stamp}.png"), image)
+            png = cv2.imencode(".png", image)[1].tobytes()
+            write_whole(folder / f"overlay_{stamp}.png", png)
         figures = {}
         if self._surfaces:
             figures["ruled_surfaces"] = ruled_surface_figure(self._surfaces, self._camera)
         with suppress(RuledgraphError):  # without poses there is nothing to draw
             figures |= result_figures(output, truth, directrices=directrices)
         for name, figure in figures.items():
-            figure.savefig(folder / f"{name}.png", dpi=DPI)
+            save_figure(figure, folder / f"{name}.png", DPI)
 
 
 def result_figures(

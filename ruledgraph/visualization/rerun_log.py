@@ -25,7 +25,7 @@ import numpy as np
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.context import Closing
-from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.errors import MachineError, RuledgraphError
 from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.figure_style import line_color
 from ruledgraph.core.measurements import Frame
@@ -211,9 +211,17 @@ class RerunLog(Closing):
         return stream
 
     def close(self) -> None:
-        """Write what is left."""
-        self._stream.flush()
-        self._stream.disconnect()
+        """Write what is left.
+
+        Raises:
+            MachineError: when not all could be written; what is in the file can be read.
+        """
+        try:
+            self._stream.flush()
+        except RuntimeError:
+            raise MachineError(f"{self._path}: cannot be written; is there space left?") from None
+        finally:
+            self._stream.disconnect()
         if self._first is None:
             self._path.unlink(missing_ok=True)
 

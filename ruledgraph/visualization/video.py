@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A run as a video of overlays, which plays as fast as it was recorded."""
 
+import os
 from pathlib import Path
 
 import cv2
 
 from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.core.context import Closing
-from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.errors import MachineError, RuledgraphError
 from ruledgraph.core.measurements import Frame
 from ruledgraph.odometry import Odometry
 from ruledgraph.visualization.overlay import draw_overlay, overlay_size
@@ -76,7 +77,26 @@ class Video(Closing):
             self._due = max(due + copies / RATE, view.since_start)
 
     def close(self) -> None:
-        """Finish the file; one without an image is removed."""
+        """Finish the file; one without an image is removed.
+
+        Raises:
+            MachineError: for one that is not whole, as without space: it cannot be played.
+        """
         self._writer.release()
         if self._due is None:
             self._path.unlink(missing_ok=True)
+        elif not self._is_whole():
+            self._path.unlink(missing_ok=True)
+            raise MachineError(f"{self._path}: cannot be written; is there space left?")
+
+    def _is_whole(self) -> bool:
+        """Whether it has its index: OpenCV's writer does not say when the disk is full."""
+        with self._path.open("rb") as file:
+            while header := file.read(8):
+                size, kind = int.from_bytes(header[:4], "big"), header[4:]
+                if kind == b"moov" or size < len(header):
+                    break
+                file.seek(size - len(header), os.SEEK_CUR)
+            else:
+                return False
+            return kind == b"moov"

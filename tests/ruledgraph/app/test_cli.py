@@ -13,6 +13,8 @@ from click.testing import CliRunner
 
 import ruledgraph
 from ruledgraph.app.cli import main
+from ruledgraph.app.options import make_way
+from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.recording import open_recording, write_recording
 from ruledgraph_factors import active_kernel
 from small_simulation import small_stream
@@ -161,3 +163,10 @@ def test_words_are_completed(words: str, expected: str) -> None:
         env=os.environ | variables,
     )
     assert expected in result.stdout.splitlines()
+
+
+def test_force_leaves_devices_alone(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "run.mcap")
+    with pytest.raises(RuledgraphError, match=r"run\.mcap: is no file; --force leaves it alone"):
+        make_way(tmp_path / "run.mcap")
+    assert (tmp_path / "run.mcap").exists()
