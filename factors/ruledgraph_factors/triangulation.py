@@ -43,6 +43,8 @@ _INVERSE_DISTANCES = (0.05, 0.25, 0.7, 1.6)
 _TURNS = (-0.7, 0.0, 0.7)
 _DESCENTS, _MOST_DESCENTS = 2, 5
 _CONVERGED = 1e-3
+# Costs that differ by less, relatively, are those of one minimum.
+_ROUNDING = 1e-6
 _PRIOR = np.array(NEW_LINE_SIGMAS) ** -2.0
 # Holds the distance and the direction, leaves the plane to the points.
 _PLANE_ALONE = np.array([1e12, 1e12, 0.0, 0.0])
@@ -149,7 +151,7 @@ class _Views:
         ]
         linear = self._descend(self.chart, [self._linear()], _PRIOR, 1)
         others = self._descend(self.chart, starts, _PRIOR, _DESCENTS)
-        best = min(linear, others, key=lambda fit: fit.cost)
+        best = others if others.cost < (1.0 - _ROUNDING) * linear.cost else linear
         for _ in range(_MOST_DESCENTS):  # each takes a few steps
             fit = self._descend(self.chart, [best.delta], _PRIOR, 1)
             gained, best = best.cost - fit.cost, fit

@@ -16,6 +16,7 @@ from ruledgraph_factors import (
     ReprojectionPoints,
     line_from_ruling,
     preintegrate_frames,
+    triangulate_line,
 )
 
 BOUND = 1e-12
@@ -48,7 +49,8 @@ def test_charts_are_those_of_python(program: Path) -> None:
         moment, delta = np.cross(first, along), rng.normal(size=4) * 0.3
         points = rng.uniform(-0.5, 0.5) + np.outer(np.linspace(0.0, 0.4, 9), [1.0, -0.7])
         points += rng.normal(size=points.shape) * 1e-3
-        data = [0, anchor, other, moment, along, to, delta, len(points), points, 0.4]
+        far = rng.normal(size=4) * 2.0
+        data = [0, anchor, other, moment, along, to, delta, len(points), points, 0.4, far]
         found = Reader(run(program, "values", text=numbers_of(data)))
 
         chart = LineChart.from_plucker(anchor, moment, along)
@@ -71,6 +73,12 @@ def test_charts_are_those_of_python(program: Path) -> None:
         sign = np.sign(basis[:, 0] @ guessed.basis[:, 0])
         assert_same((basis * [sign, sign, 1.0]).ravel(), guessed.basis)
         assert_same(found.take(1), np.array(guessed.angle))
+        assert_same(found.take(4), new_chart.local(*np.split(chart.plucker(delta)[0], 2)))
+        for expected in (*chart.wrapped(far), float(chart.is_far(far))):
+            assert_same(found.take(np.size(expected)), np.asarray(expected))
+        centred, by_far = chart.recentred(far)
+        for expected in (centred.basis, centred.angle, by_far):
+            assert_same(found.take(np.size(expected)), np.asarray(expected))
         assert found.at_end
 
 
@@ -116,4 +124,60 @@ def test_points_are_those_of_python(program: Path, cap: float) -> None:
     assert_same(found.take(32), individual.points)
     assert_same(found.take(16), individual.sqrt_weights)
     assert found.take(3).tolist() == [1.0, 3.0, 12.0]
+    compressed = GeometricPoints.from_frames(frames, effective_points=cap)
+    assert_same(found.take(6), compressed.middles().T)
+    assert_same(found.take(6), individual.middles().T)
+    assert_same(found.take(2), np.array([compressed.weight, individual.weight]))
     assert found.at_end
+
+
+STATUS = ("determined", "no_baseline", "within_plane", "no_parallax", "behind_camera")
+
+
+def views(kind: str, seed: int) -> tuple[list[gtsam.Pose3], list[np.ndarray]]:
+    """Cameras and what they see of an edge 3 m in front of the first."""
+    rng = np.random.default_rng(seed)
+    ends = np.array([[-0.5, 0.3, 3.0], [0.6, 0.4, 3.3]]) + rng.normal(size=(2, 3)) * 0.1
+    steps = {
+        "determined": np.array([0.05, 0.1, 0.0]),
+        "no_baseline": np.zeros(3),
+        "within_plane": (ends[1] - ends[0]) * 0.1,
+        "no_parallax": np.array([0.0, 1e-4, 0.0]),
+        "behind_camera": np.array([0.05, 0.1, 0.0]),
+    }
+    start = random_pose(rng)
+    cameras, points = [], []
+    for j in range(4):
+        camera = gtsam.Pose3(
+            gtsam.Rot3.Expmap(rng.normal(size=3) * 0.02 * (j > 0)), j * steps[kind]
+        )
+        share = rng.uniform(size=(12, 1))
+        inside = np.array([camera.transformTo(e) for e in ends[0] + share * (ends[1] - ends[0])])
+        cameras.append(start * camera)
+        points.append(inside[:, :2] / inside[:, 2:] + rng.normal(size=(12, 2)) * 1e-3)
+    if kind == "behind_camera":  # as if the cameras had moved the other way
+        moved = [start.between(camera) for camera in cameras]
+        cameras = [start * gtsam.Pose3(c.rotation(), -c.translation()) for c in moved]
+    return cameras, points
+
+
+@pytest.mark.parametrize("kind", STATUS)
+def test_triangulated_lines_are_those_of_python(program: Path, kind: str) -> None:
+    for seed in range(4):
+        cameras, points = views(kind, seed)
+        parts = [part for view in points for part in (len(view), view)]
+        data = [3, len(cameras), *cameras, len(points), *parts, 1e-3]
+        found = Reader(run(program, "values", text=numbers_of(data)))
+        expected = triangulate_line(cameras, points, 1e-3)
+        assert expected.status == kind
+        basis = found.take(9).reshape(3, 3)
+        sign = np.sign(basis[:, 0] @ expected.chart.basis[:, 0])
+        assert_same((basis * [sign, sign, 1.0]).ravel(), expected.chart.basis)
+        assert_same(found.take(1), np.array(expected.chart.angle))
+        # u1 and u2 turned round: delta[1] and delta[2] change their signs.
+        signs = np.array([1.0, sign, sign, 1.0])
+        covariance = found.take(16).reshape(4, 4) * np.outer(signs, signs)
+        assert_same(covariance.ravel(), expected.covariance)
+        assert_same(found.take(1), np.array(expected.rms))
+        assert STATUS[int(found.take(1)[0])] == kind
+        assert found.at_end

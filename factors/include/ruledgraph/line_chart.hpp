@@ -35,10 +35,13 @@ struct Pose {
 
 /// The constants of the line variable.
 struct LineChart {
-  Matrix3 world_R_anchor;
-  Vector3 world_t_anchor;
-  Matrix3 basis;  ///< columns u1, u2, u3 of the reference line in the anchor frame
-  double angle;   ///< its tangent is the reference line's inverse distance, 1/m
+  Matrix3 world_R_anchor = Matrix3::Identity();
+  Vector3 world_t_anchor = Vector3::Zero();
+  Matrix3 basis = Matrix3::Identity();  ///< columns u1, u2, u3 of the reference line in the anchor
+                                        ///< frame
+  double angle = 0.0;  ///< its tangent is the reference line's inverse distance, 1/m
+
+  Pose world_T_anchor() const { return {world_R_anchor, world_t_anchor}; }
 };
 
 /// A line's world Pluecker pair (moment, direction) and its derivative by the four coordinates;
@@ -158,9 +161,7 @@ inline Reanchored reanchor(const LineChart& chart, const Vector4& line,
   found.by_line.row(1) = basis.col(2).transpose() * d_along;
   found.by_line.row(2) = -basis.col(2).transpose() * d_normal;
   found.by_line.row(3) = basis.col(1).transpose() * d_normal;
-  // Orthonormal but for rounding: one Newton step to the closest rotation.
-  basis = 1.5 * basis - 0.5 * (basis * (basis.transpose() * basis));
-  found.chart = {world_T_anchor.rotation, world_T_anchor.position, basis,
+  found.chart = {world_T_anchor.rotation, world_T_anchor.position, closest_rotation(basis),
                  std::atan2(world.sine, size)};
   return found;
 }

@@ -8,12 +8,12 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
-#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
 #include "ruledgraph/compress.hpp"
 #include "ruledgraph/line_chart.hpp"
+#include "ruledgraph/line_coordinates.hpp"
 
 namespace ruledgraph {
 
@@ -21,51 +21,15 @@ namespace ruledgraph {
 /// viewing plane is left to the points. Without a prior a new line is indeterminate.
 inline Vector4 new_line_sigmas() { return {1.0, 1.0, 10.0, 10.0}; }
 
-namespace detail {
-
-/// Unit vector perpendicular to the unit `axis`, along `wish` or, where that is parallel to it,
-/// the first column of the identity that is not, from column `first` on.
-inline Vector3 unit_perpendicular(const Vector3& axis, const Vector3& wish, int first) {
-  const auto rest = [&](const Vector3& v) -> Vector3 { return v - axis * axis.dot(v); };
-  Vector3 found = rest(wish);
-  double least = kNegligible;
-  for (int i = first; !(found.norm() > least); ++i) {
-    found = rest(Vector3::Unit(i % 3));
-    least = 0.5;
-  }
-  // A second pass takes out what rounding left along the axis.
-  return rest(found.normalized()).normalized();
-}
-
-}  // namespace detail
-
 /// Chart around the world line (moment, direction), of any common scale. The part of `moment` along
 /// `direction` is dropped; direction = 0 is a line at infinity, moment = 0 (about the anchor) a
 /// line through the anchor's centre.
 inline LineChart chart_from_plucker(const Pose& world_T_anchor, const Vector3& moment,
                                     const Vector3& direction) {
-  const double largest = std::max(moment.cwiseAbs().maxCoeff(), direction.cwiseAbs().maxCoeff());
-  if (!(largest > 0.0 && std::isfinite(largest))) {
-    throw std::invalid_argument("ruledgraph: moment and direction are no line");
-  }
-  const Matrix3 anchor_R_world = world_T_anchor.rotation.transpose();
-  Vector3 v = anchor_R_world * (direction / largest);
-  Vector3 m = anchor_R_world * ((moment - world_T_anchor.position.cross(direction)) / largest);
-  const double size = std::sqrt(m.squaredNorm() + v.squaredNorm());
-  m /= size;
-  v /= size;
-  Vector3 u1, u2;
-  if (v.norm() > kNegligible) {
-    m -= v * v.dot(m) / v.squaredNorm();
-    u2 = v.normalized();
-    u1 = detail::unit_perpendicular(u2, m, 0);
-  } else {
-    u1 = m.normalized();
-    u2 = detail::unit_perpendicular(u1, v, 1);
-  }
-  Matrix3 basis;
-  basis << u1, u2, u1.cross(u2);
-  return {world_T_anchor.rotation, world_T_anchor.position, basis, std::atan2(v.norm(), m.norm())};
+  const PlueckerPairInAnchor pair = unit_pair(world_T_anchor, moment, direction);
+  return {world_T_anchor.rotation, world_T_anchor.position,
+          orthonormal_basis(pair, Matrix3::Identity()),
+          std::atan2(pair.direction.norm(), pair.moment.norm())};
 }
 
 /// Chart around the line through two distinct world points, from first to second.
@@ -77,6 +41,26 @@ inline LineChart chart_from_points(const Pose& world_T_anchor, const Vector3& fi
   }
   const Vector3 direction = (second - first) / length;
   return chart_from_plucker(world_T_anchor, first.cross(direction), direction);
+}
+
+/// Chart around the line whose image is a x + b y + c = 0, perpendicular to the ray through `foot`,
+/// an image point on it, and at 1 / inverse_distance from the camera's centre.
+inline LineChart chart_from_image_line(const Pose& world_T_cam, const Vector3& image_line,
+                                       double inverse_distance, const Eigen::Vector2d& foot) {
+  const Vector3 normal = image_line.normalized();
+  Vector3 ray(foot.x(), foot.y(), 1.0);
+  ray -= normal * normal.dot(ray);
+  const Vector3 u3 = -ray.normalized();
+  Matrix3 basis;
+  basis << normal, u3.cross(normal), u3;
+  return {world_T_cam.rotation, world_T_cam.position, basis, std::atan(inverse_distance)};
+}
+
+/// (a, b, c) of the line a x + b y + c = 0 through `middle` along the long axis of a scatter.
+inline Vector3 image_line(const Eigen::Matrix2d& scatter, const Eigen::Vector2d& middle) {
+  const double angle = 0.5 * std::atan2(2.0 * scatter(0, 1), scatter(0, 0) - scatter(1, 1));
+  const Eigen::Vector2d across(-std::sin(angle), std::cos(angle));
+  return {across.x(), across.y(), -across.dot(middle)};
 }
 
 /// Chart of a new line from its edge points in one image, normalised, a row each, at least two
@@ -99,17 +83,9 @@ inline LineChart line_from_ruling(const Pose& world_T_cam,
   if (!(std::sqrt(xx + yy) > kNegligible)) {
     throw std::invalid_argument("ruledgraph: all points of a line coincide");
   }
-  // The long axis of their scatter.
-  const double angle = 0.5 * std::atan2(2.0 * xy, xx - yy);
-  const Eigen::Vector2d along(std::cos(angle), std::sin(angle));
-  Vector3 normal(-along.y(), along.x(), middle.x() * along.y() - middle.y() * along.x());
-  normal.normalize();
-  Vector3 ray(middle.x(), middle.y(), 1.0);
-  ray -= normal * normal.dot(ray);
-  const Vector3 u3 = -ray.normalized();
-  Matrix3 basis;
-  basis << normal, u3.cross(normal), u3;
-  return {world_T_cam.rotation, world_T_cam.position, basis, std::atan(inverse_distance)};
+  const Eigen::Vector2d at = middle.transpose();
+  const Vector3 line = image_line((Eigen::Matrix2d() << xx, xy, xy, yy).finished(), at);
+  return chart_from_image_line(world_T_cam, line, inverse_distance, at);
 }
 
 }  // namespace ruledgraph

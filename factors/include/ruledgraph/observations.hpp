@@ -35,6 +35,38 @@ inline double capped_sqrt_weight(const PointRows& points, double effective_point
 
 }  // namespace detail
 
+/// What all points weigh together: their number, if each has weight 1.
+inline double total_weight(const GeometricPoints& points) {
+  double weight = 0.0;
+  for (const Matrix3& C : points.statistics) weight += C.col(2).squaredNorm();
+  return weight;
+}
+inline double total_weight(const ReprojectionPoints& points) {
+  return points.sqrt_weights.squaredNorm();
+}
+
+/// Mean of the points of each frame, a column each.
+inline Eigen::Matrix2Xd middles(const GeometricPoints& points) {
+  Eigen::Matrix2Xd found(2, points.frames());
+  for (std::size_t i = 0; i < points.frames(); ++i) {
+    const Vector3 moments = points.statistics[i].transpose() * points.statistics[i].col(2);
+    found.col(static_cast<Eigen::Index>(i)) = moments.head<2>() / moments.z();
+  }
+  return found;
+}
+inline Eigen::Matrix2Xd middles(const ReprojectionPoints& points) {
+  Eigen::Matrix2Xd found(2, points.frames());
+  Eigen::Index first = 0;
+  for (std::size_t i = 0; i < points.frames(); ++i) {
+    const auto count = points.counts[i];
+    const Eigen::VectorXd weights = points.sqrt_weights.segment(first, count).cwiseAbs2();
+    found.col(static_cast<Eigen::Index>(i)) =
+        points.points.middleCols(first, count) * weights / weights.sum();
+    first += count;
+  }
+  return found;
+}
+
 /// The points of each frame, normalised image coordinates (N_i, 2), N_i >= 1, as triangular
 /// statistics. `effective_points` is the most that a frame may say, in points: neighbouring edge
 /// pixels are not independent. Throws std::invalid_argument for a frame without points.

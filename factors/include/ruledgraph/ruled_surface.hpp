@@ -64,6 +64,9 @@ struct CameraLine {
 /// The constants that bring a line into the cameras of an interval.
 class Geometry {
  public:
+  /// Of no frames.
+  Geometry() = default;
+
   /// `bias` is the one that all of `frames` were integrated with; `timed` says whether their time
   /// is a variable.
   Geometry(LineChart chart, const Matrix3& body_R_cam, const Vector3& body_t_cam,
@@ -77,6 +80,29 @@ class Geometry {
 
   std::size_t frames() const { return frames_.size(); }
   const LineChart& chart() const { return chart_; }
+  const FrameMotion& motion(std::size_t frame) const { return frames_[frame]; }
+  const std::vector<FrameMotion>& motions() const { return frames_; }
+  const Vector6& bias() const { return bias_; }
+  Matrix3 body_R_cam() const { return cam_R_body_.transpose(); }
+  const Vector3& body_t_cam() const { return body_t_cam_; }
+
+  /// (theta, dp) of a frame at a bias, to first order.
+  Vector6 corrected(std::size_t frame, const Vector6& bias) const {
+    const FrameMotion& motion = frames_[frame];
+    return motion.preintegrated + motion.bias_jacobian * (bias - bias_);
+  }
+
+  /// The same with another camera.
+  Geometry with_camera(const Matrix3& body_R_cam, const Vector3& body_t_cam) const {
+    return {chart_, body_R_cam, body_t_cam, frames_, bias_, timed_};
+  }
+
+  /// The same with the line in another chart.
+  Geometry with_chart(const LineChart& chart) const {
+    Geometry other = *this;
+    other.chart_ = chart;
+    return other;
+  }
 
   /// Whether all constants are those of another, to a tolerance.
   bool equals(const Geometry& other, double tolerance) const {
@@ -109,7 +135,7 @@ class Geometry {
                             bool want_jacobian) const {
     const FrameMotion& motion = frames_[frame];
     const double t = motion.elapsed;
-    Vector6 delta = motion.preintegrated + motion.bias_jacobian * (state.bias - bias_);
+    Vector6 delta = corrected(frame, state.bias);
     double by_velocity = t, by_gravity = 0.5 * t * t;
     if (timed_) {
       delta += motion.time_jacobian * state.time_shift;
@@ -173,19 +199,22 @@ class Geometry {
   }
 
  private:
-  LineChart chart_;
-  Matrix3 cam_R_body_;
-  Vector3 body_t_cam_;
+  LineChart chart_{};
+  Matrix3 cam_R_body_ = Matrix3::Identity();
+  Vector3 body_t_cam_ = Vector3::Zero();
   std::vector<FrameMotion> frames_;
-  Vector6 bias_;
-  bool timed_;
+  Vector6 bias_ = Vector6::Zero();
+  bool timed_ = false;
 };
 
 /// The points of each frame as triangular statistics C: three rows a frame, C m / |m_xy|.
 struct GeometricPoints {
   std::vector<Matrix3> statistics;
 
+  std::size_t frames() const { return statistics.size(); }
   Eigen::Index rows() const { return 3 * static_cast<Eigen::Index>(statistics.size()); }
+  /// Of one frame.
+  Eigen::Index rows_of(std::size_t) const { return 3; }
 };
 
 /// The points of all frames one by one: two rows a point, the paper's reprojection error.
@@ -194,7 +223,10 @@ struct ReprojectionPoints {
   Eigen::VectorXd sqrt_weights;      ///< one a point
   std::vector<Eigen::Index> counts;  ///< of the points in each frame
 
+  std::size_t frames() const { return counts.size(); }
   Eigen::Index rows() const { return 2 * points.cols(); }
+  /// Of one frame.
+  Eigen::Index rows_of(std::size_t frame) const { return 2 * counts[frame]; }
 };
 
 using VectorOut = Eigen::Ref<Eigen::VectorXd>;

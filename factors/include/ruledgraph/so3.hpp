@@ -7,6 +7,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <cmath>
 
 namespace ruledgraph {
@@ -49,6 +50,20 @@ inline Exponential exponential(const Vector3& theta) {
   const Matrix3 k = hat(theta);
   const Matrix3 k2 = theta * theta.transpose() - s * Matrix3::Identity();
   return {Matrix3::Identity() + a * k + b * k2, Matrix3::Identity() - b * k + c * k2};
+}
+
+/// The rotation closest to a matrix that is one but for rounding, by one Newton step.
+inline Matrix3 closest_rotation(const Matrix3& matrix) {
+  return 1.5 * matrix - 0.5 * (matrix * (matrix.transpose() * matrix));
+}
+
+/// The rotation vector theta with Exp(theta) = rotation and |theta| <= pi.
+inline Vector3 logarithm(const Matrix3& rotation) {
+  const Eigen::Quaterniond q(rotation);
+  const double size = q.vec().norm();
+  if (size == 0.0) return Vector3::Zero();
+  const double sign = q.w() < 0.0 ? -1.0 : 1.0;
+  return (sign * 2.0 * std::atan2(size, std::abs(q.w())) / size) * q.vec();
 }
 
 struct InverseRightJacobianAction {

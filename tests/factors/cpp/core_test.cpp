@@ -15,6 +15,7 @@
 #include "ruledgraph/new_line.hpp"
 #include "ruledgraph/observations.hpp"
 #include "ruledgraph/ruled_surface.hpp"
+#include "ruledgraph/triangulation.hpp"
 #include "stream.hpp"
 #include "throws.hpp"
 
@@ -201,6 +202,10 @@ void wrong_arguments_are_refused() {
   assert(!throws([&] { line_from_ruling(origin, same, 0.5); }));
   assert(throws([&] { line_from_ruling(origin, same, -0.5); }));
   assert(throws([] { compress_points({PointRows(0, 2)}); }));
+  assert(!throws([&] { triangulate_line({origin}, std::vector<PointRows>{same}); }));
+  assert(throws([&] { triangulate_line({origin, origin}, std::vector<PointRows>{same}); }));
+  assert(throws([&] { triangulate_line({origin}, std::vector<PointRows>{same}, 0.0); }));
+  assert(throws([&] { triangulate_line({origin}, std::vector<PointRows>{same.topRows(1)}); }));
   assert(throws([&] { individual_points({same}, 0.0); }));
 
   const Eigen::Vector3d times(0.0, 0.1, 0.2);
@@ -246,6 +251,27 @@ void write_chart() {
   write(found.by_line);
   const PointRows points = read_rows(2);
   write_line(line_from_ruling(anchor, points, read_number()));
+  write(local(found.chart, pair.value.head<3>(), pair.value.tail<3>()));
+  const Vector4 far = read_fixed<4>();
+  const Wrapped near = wrapped(chart, far);
+  write(near.line);
+  write(near.by_line);
+  write(is_far(far) ? 1.0 : 0.0);
+  const Reanchored centred = recentred(chart, far);
+  write_line(centred.chart);
+  write(centred.by_line);
+}
+
+void write_triangulation() {
+  std::vector<Pose> cameras(read_count());
+  for (Pose& camera : cameras) camera = read_plain_pose();
+  const std::vector<PointRows> frames = read_frames();
+  const LineTriangulation found = triangulate_line(cameras, frames, read_number());
+  write_line(found.chart);
+  write(found.covariance);
+  write(found.rms);
+  write(static_cast<double>(found.status));
+  assert(found.determined() == found.reason.empty());
 }
 
 void write_motions() {
@@ -282,6 +308,10 @@ void write_points() {
   write(individual.points.transpose());
   write(individual.sqrt_weights);
   for (const Eigen::Index count : individual.counts) write(static_cast<double>(count));
+  write(middles(compress_points(frames, cap)));
+  write(middles(individual));
+  write(total_weight(compress_points(frames, cap)));
+  write(total_weight(individual));
 }
 
 }  // namespace
@@ -299,5 +329,6 @@ int main(int count, char**) {
     if (kind == 0.0) write_chart();
     if (kind == 1.0) write_motions();
     if (kind == 2.0) write_points();
+    if (kind == 3.0) write_triangulation();
   }
 }

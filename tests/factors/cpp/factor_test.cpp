@@ -3,7 +3,7 @@
 //
 // The GTSAM factors in C++, against a real GTSAM or the stand-in beside this file. Reads factors
 // and the point to evaluate them at from standard input (`test_cpp_factors.py` writes them), checks
-// Jacobians numerically, clone, equals and print, and writes residuals and Jacobians.
+// Jacobians numerically, clone, equals, print and archives, and writes residuals and Jacobians.
 
 #undef NDEBUG
 #include <cassert>
@@ -11,7 +11,11 @@
 #include <iostream>
 #include <sstream>
 
+#include "ruledgraph/gtsam/line_factors.hpp"
 #include "ruledgraph/gtsam/ruled_surface_factor.hpp"
+#include "ruledgraph/gtsam/solvers.hpp"
+#include "ruledgraph/new_line.hpp"
+#include "serialized.hpp"
 #include "stream.hpp"
 #include "throws.hpp"
 
@@ -24,8 +28,21 @@ using gtsam::Values;
 using gtsam::Vector;
 
 constexpr Key kPoseKey = 0, kVelocityKey = 1, kBiasKey = 2, kExtraKey = 3, kLineKey = 4;
+constexpr Key kNewLineKey = 5;
 
-enum Kind { kNode, kTimeOffset, kGravityDirection, kGravityVector, kPoseOnly };
+/// As `LineObservation::Form`, and the factors on a line alone.
+enum Kind {
+  kNode,
+  kTimeOffset,
+  kExtrinsics,
+  kGravityDirection,
+  kGravityVector,
+  kPoseOnly,
+  kPoseExtrinsics,
+  kNewLine,
+  kLineDistance,
+  kSameLine,
+};
 
 gtsam::Pose3 read_pose() {
   const Pose pose = read_plain_pose();
@@ -46,6 +63,7 @@ gtsam::NonlinearFactor::shared_ptr make_factor(Kind kind, const FrameMotions& mo
   const auto noise = gtsam::noiseModel::Unit::Create(static_cast<std::size_t>(rows));
   const Key x = kPoseKey, v = kVelocityKey, b = kBiasKey, e = kExtraKey, l = kLineKey;
   using Factor = RuledSurfaceFactor;
+  using PoseFactor = RuledSurfacePoseFactor;
   switch (kind) {
     case kNode:
       return Factor(noise, x, v, b, l, motions, chart, points, body_T_cam, gravity).clone();
@@ -53,6 +71,8 @@ gtsam::NonlinearFactor::shared_ptr make_factor(Kind kind, const FrameMotions& mo
       return Factor::WithTimeOffset(noise, x, v, b, e, l, motions, chart, points, body_T_cam,
                                     gravity)
           .clone();
+    case kExtrinsics:
+      return Factor::WithExtrinsics(noise, x, v, b, e, l, motions, chart, points, gravity).clone();
     case kGravityDirection:
       return Factor::WithGravityDirection(noise, x, v, b, e, l, motions, chart, points, body_T_cam,
                                           gravity.norm())
@@ -61,12 +81,15 @@ gtsam::NonlinearFactor::shared_ptr make_factor(Kind kind, const FrameMotions& mo
       return Factor::WithGravityVector(noise, x, v, b, e, l, motions, chart, points, body_T_cam)
           .clone();
     case kPoseOnly:
-      return RuledSurfacePoseFactor(noise, x, l, chart, points, body_T_cam).clone();
+      return PoseFactor(noise, x, l, chart, points, body_T_cam).clone();
+    case kPoseExtrinsics:
+      return PoseFactor::WithExtrinsics(noise, x, e, l, chart, points).clone();
+    default:
+      throw std::logic_error("no such kind");
   }
-  throw std::logic_error("no such kind");
 }
 
-Case read_case(Kind kind) {
+Case read_observation(Kind kind) {
   const LineChart chart = read_chart();
   const gtsam::Pose3 body_T_cam = read_pose();
   const FrameMotions motions = read_motions();
@@ -81,20 +104,47 @@ Case read_case(Kind kind) {
   found.values.insert(kBiasKey, gtsam::imuBias::ConstantBias(read_fixed<6>()));
   found.values.insert(kLineKey, gtsam::Vector4(read_fixed<4>()));
   if (kind == kTimeOffset) found.values.insert(kExtraKey, read_number());
+  if (kind == kExtrinsics || kind == kPoseExtrinsics) found.values.insert(kExtraKey, read_pose());
   if (kind == kGravityDirection) found.values.insert(kExtraKey, gtsam::Unit3(read_fixed<3>()));
   if (kind == kGravityVector) found.values.insert(kExtraKey, gtsam::Vector3(read_fixed<3>()));
+  return found;
+}
+
+Case read_case(Kind kind) {
+  if (kind < kNewLine) return read_observation(kind);
+  const LineChart chart = read_chart();
+  Case found{kind, {}, Values()};
+  if (kind == kSameLine) {
+    const Vector4 delta = read_fixed<4>();
+    const LineChart new_chart = read_chart();
+    const auto noise = gtsam::noiseModel::Unit::Create(4);
+    found.factor = SameLineFactor(noise, kLineKey, kNewLineKey, chart, delta, new_chart).clone();
+    found.values.insert(kLineKey, gtsam::Vector4(read_fixed<4>()));
+    found.values.insert(kNewLineKey, gtsam::Vector4(read_fixed<4>()));
+    return found;
+  }
+  if (kind == kNewLine) {
+    const auto noise = gtsam::noiseModel::Unit::Create(4);
+    found.factor = NewLineFactor(noise, kPoseKey, kLineKey, chart, read_pose()).clone();
+  } else {
+    const auto noise = gtsam::noiseModel::Unit::Create(1);
+    found.factor = LineDistanceFactor(noise, kPoseKey, kLineKey, chart, read_number()).clone();
+  }
+  found.values.insert(kPoseKey, read_pose());
+  found.values.insert(kLineKey, gtsam::Vector4(read_fixed<4>()));
   return found;
 }
 
 /// The values with one of them moved along its tangent.
 Values moved(const Case& at, Key key, const Vector& tangent) {
   Values values = at.values;
-  if (key == kPoseKey) {
+  const bool camera = at.kind == kExtrinsics || at.kind == kPoseExtrinsics;
+  if (key == kPoseKey || (key == kExtraKey && camera)) {
     values.update(key, gtsam::Pose3(values.at<gtsam::Pose3>(key).retract(tangent)));
   } else if (key == kBiasKey) {
     const gtsam::Vector6 bias = values.at<gtsam::imuBias::ConstantBias>(key).vector() + tangent;
     values.update(key, gtsam::imuBias::ConstantBias(bias));
-  } else if (key == kLineKey) {
+  } else if (key == kLineKey || key == kNewLineKey) {
     values.update(key, gtsam::Vector4(values.at<gtsam::Vector4>(key) + tangent));
   } else if (key == kExtraKey && at.kind == kTimeOffset) {
     values.update(key, values.at<double>(key) + tangent[0]);
@@ -111,6 +161,7 @@ const gtsam::NoiseModelFactor& with_error(const Case& at) {
 }
 
 void check_jacobians(const Case& at, const std::vector<Matrix>& analytic) {
+  if (at.kind == kNewLine) return;  // linear on purpose
   const double step = 1e-5;
   for (std::size_t i = 0; i < analytic.size(); ++i) {
     const Key key = at.factor->keys()[i];
@@ -148,10 +199,89 @@ void sizes_are_checked() {
       [&] { RuledSurfaceFactor::WithTimeOffset(noise(3), 0, 1, 2, 3, 4, rest, chart, one); }));
 }
 
+void line_factors_check_their_arguments() {
+  const Pose origin;
+  const LineChart chart = chart_from_points(origin, {0.0, 0.0, 3.0}, {1.0, 0.0, 3.0});
+  const LineChart other = chart_from_points(origin, {0.0, 1.0, 3.0}, {1.0, 0.0, 3.0});
+  const LineChart through = chart_from_points(origin, {0.0, 0.0, 0.0}, {1.0, 0.0, 0.0});
+  const auto noise = [](std::size_t dim) { return gtsam::noiseModel::Unit::Create(dim); };
+  const gtsam::Pose3 pose;
+  assert(!throws([&] { NewLineFactor(noise(4), 0, 1, chart, pose); }));
+  assert(throws([&] { NewLineFactor(noise(3), 0, 1, chart, pose); }));
+  assert(throws([&] { NewLineFactor(noise(4), 0, 1, through, pose); }));
+  assert(!throws([&] { LineDistanceFactor(noise(1), 0, 1, chart, 3.0); }));
+  assert(throws([&] { LineDistanceFactor(noise(4), 0, 1, chart, 3.0); }));
+  assert(throws([&] { LineDistanceFactor(noise(1), 0, 1, chart, 0.0); }));
+  assert(!throws([&] { SameLineFactor(noise(4), 0, 1, chart, Vector4::Zero(), chart); }));
+  assert(throws([&] { SameLineFactor(noise(1), 0, 1, chart, Vector4::Zero(), chart); }));
+  assert(throws([&] { SameLineFactor(noise(4), 0, 1, chart, Vector4::Zero(), other); }));
+}
+
+/// One point on the image of a line three metres in front, one off it by `offset`.
+RuledSurfacePoseFactor one_view(const LineChart& chart, double offset, bool robust) {
+  PointRows points(2, 2);
+  points << 0.0, 0.0, 0.1, offset;
+  gtsam::SharedNoiseModel noise = gtsam::noiseModel::Isotropic::Sigma(3, 0.01);
+  if (robust) {
+    const auto huber = gtsam::noiseModel::mEstimator::Huber::Create(1.0);
+    noise = gtsam::noiseModel::Robust::Create(huber, noise);
+  }
+  return RuledSurfacePoseFactor(noise, kPoseKey, kLineKey, chart, compress_points({points}));
+}
+
+void lines_are_checked_and_moved() {
+  const LineChart chart = chart_from_points({}, {0.0, 0.0, 3.0}, {1.0, 0.0, 3.0});
+  Values values;
+  values.insert(kPoseKey, gtsam::Pose3());
+  values.insert(kLineKey, gtsam::Vector4(gtsam::Vector4::Zero()));
+  for (const bool robust : {false, true}) {
+    gtsam::NonlinearFactorGraph graph;
+    graph.add(one_view(chart, 0.02, robust));
+    graph.add(NewLineFactor(gtsam::noiseModel::Unit::Create(4), kPoseKey, kLineKey, chart, {}));
+    const std::vector<LineCheck> checks = check_lines(graph, values);
+    assert(checks.size() == 1 && checks[0].key == kLineKey && checks[0].ok());
+    assert(std::abs(checks[0].chi_squared - 4.0) < 1e-9);  // 0.02 / 0.01, without a robust loss
+    assert(std::abs(checks[0].points - 2.0) < 1e-9);
+    graph.add(one_view(chart, 0.2, robust));
+    assert(check_lines(graph, values)[0].misfit());
+  }
+  Values far = values;
+  far.update(kLineKey, gtsam::Vector4(0.0, 0.0, 0.0, 3.2));
+  gtsam::NonlinearFactorGraph graph;
+  graph.add(one_view(chart, 0.0, false));
+  assert(check_lines(graph, far)[0].far);
+  // Beyond infinity, and so behind the camera.
+  far.update(kLineKey, gtsam::Vector4(-2.0 * chart.angle, 0.0, 0.0, 0.0));
+  assert(check_lines(graph, far)[0].behind == 1.0);
+
+  const Reanchored found = recentred(chart, Vector4(0.1, 0.1, -0.1, 0.2));
+  const MovedLine moved = move_line(graph, kLineKey, kNewLineKey, found.chart);
+  assert(moved.indices.size() == 1 && moved.indices[0] == 0 && moved.factors.size() == 1);
+  values.insert(kNewLineKey, gtsam::Vector4(gtsam::Vector4::Zero()));
+  values.update(kLineKey, gtsam::Vector4(0.1, 0.1, -0.1, 0.2));
+  const auto error_of = [&](const gtsam::NonlinearFactor& factor) {
+    return dynamic_cast<const gtsam::NoiseModelFactor&>(factor).unwhitenedError(values);
+  };
+  assert((error_of(*moved.factors[0]) - error_of(*graph[0])).norm() < 1e-12);
+  assert(move_line(graph, kNewLineKey, kLineKey, chart).indices.empty());
+}
+
+std::string name_of(const Case& at) {
+  if (at.kind == kNewLine) return "one NewLineFactor";
+  if (at.kind == kLineDistance) return "one LineDistanceFactor";
+  if (at.kind == kSameLine) return "one SameLineFactor";
+  const bool pose = at.kind == kPoseOnly || at.kind == kPoseExtrinsics;
+  return pose ? "one RuledSurfacePoseFactor: " : "one RuledSurfaceFactor: ";
+}
+
 }  // namespace
 
 int main() {
   sizes_are_checked();
+  line_factors_check_their_arguments();
+  lines_are_checked_and_moved();
+  assert(isam2_params().relinearizeSkip == 1);
+  levenberg_marquardt_params();
   std::vector<Case> cases;
   for (double kind; std::cin >> kind;) cases.push_back(read_case(static_cast<Kind>(kind)));
   for (const Case& at : cases) {
@@ -163,9 +293,8 @@ int main() {
     for (const Case& other : cases) {
       assert(at.factor->equals(*other.factor) == (&at == &other));
     }
-    const std::string name =
-        at.kind == kPoseOnly ? "one RuledSurfacePoseFactor: " : "one RuledSurfaceFactor: ";
-    assert(printed(*at.factor).rfind(name, 0) == 0);
+    assert(printed(*at.factor).rfind(name_of(at), 0) == 0);
+    assert(survives_an_archive(*at.factor));
     write(residual);
     for (const Matrix& jacobian : jacobians) write(jacobian);
   }

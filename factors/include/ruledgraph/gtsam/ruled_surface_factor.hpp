@@ -6,124 +6,26 @@
 // arguments are explained there.
 #pragma once
 
-#include <gtsam/geometry/Pose3.h>
-#include <gtsam/geometry/Unit3.h>
-#include <gtsam/navigation/ImuBias.h>
-#include <gtsam/nonlinear/NonlinearFactor.h>
-
-#include <iostream>
 #include <stdexcept>
-#include <string>
 #include <utility>
-#include <variant>
 
-#include "ruledgraph/frame_motions.hpp"
-#include "ruledgraph/gtsam/compatibility.hpp"
-#include "ruledgraph/observations.hpp"
-#include "ruledgraph/ruled_surface.hpp"
+#include "ruledgraph/gtsam/line_observation.hpp"
 
 namespace ruledgraph {
-
-/// A line's edge points; their type chooses the residual: the geometric one, three rows a frame, or
-/// the reprojection error, two rows a point.
-using Points = std::variant<GeometricPoints, ReprojectionPoints>;
 
 /// Gravity in a world whose z is up, m/s^2.
 constexpr double kStandardGravity = 9.81;
 
-/// The constants that both factors share, and their arithmetic.
-class RuledSurface {
- public:
-  RuledSurface(const LineChart& chart, const FrameMotions& motions, Points points,
-               const gtsam::Pose3& body_T_cam)
-      : geometry_(chart, body_T_cam.rotation().matrix(), body_T_cam.translation(), motions.frames,
-                  motions.bias, motions.timed),
-        points_(std::move(points)) {}
-
-  const Geometry& geometry() const { return geometry_; }
-  const Points& points() const { return points_; }
-  /// Of the residual: the dimension of the noise model.
-  Eigen::Index rows() const {
-    return std::visit([](const auto& points) { return points.rows(); }, points_);
-  }
-
-  /// Frames that the points are from.
-  std::size_t frames_of_points() const {
-    if (const auto* compressed = std::get_if<GeometricPoints>(&points_)) {
-      return compressed->statistics.size();
-    }
-    return std::get<ReprojectionPoints>(points_).counts.size();
-  }
-
-  /// Unwhitened residual and, unless null, its Jacobian; the columns are those of `Geometry`.
-  gtsam::Vector evaluate(const State& state, gtsam::Matrix* jacobian) const {
-    gtsam::Vector residual(rows());
-    const auto write = [&](MatrixOut* out) {
-      std::visit(
-          [&](const auto& points) {
-            ruledgraph::evaluate(geometry_, points, state, residual, out);
-          },
-          points_);
-    };
-    if (jacobian == nullptr) {
-      write(nullptr);
-    } else {
-      jacobian->resize(rows(), geometry_.columns());
-      MatrixOut out(*jacobian);
-      write(&out);
-    }
-    return residual;
-  }
-
-  bool equals(const RuledSurface& other, double tolerance) const {
-    if (points_.index() != other.points_.index() || rows() != other.rows() ||
-        !geometry_.equals(other.geometry_, tolerance)) {
-      return false;
-    }
-    const auto close = [&](const auto& a, const auto& b) {
-      return (a - b).cwiseAbs().maxCoeff() <= tolerance;
-    };
-    if (const auto* mine = std::get_if<GeometricPoints>(&points_)) {
-      const auto& theirs = std::get<GeometricPoints>(other.points_).statistics;
-      return std::equal(mine->statistics.begin(), mine->statistics.end(), theirs.begin(),
-                        theirs.end(), close);
-    }
-    const auto& mine = std::get<ReprojectionPoints>(points_);
-    const auto& theirs = std::get<ReprojectionPoints>(other.points_);
-    return close(mine.points, theirs.points) && close(mine.sqrt_weights, theirs.sqrt_weights) &&
-           mine.counts == theirs.counts;
-  }
-
-  /// Throws std::invalid_argument unless the noise model and the points fit.
-  void check(const gtsam::SharedNoiseModel& noise_model) const {
-    if (frames_of_points() != geometry_.frames()) {
-      throw std::invalid_argument("ruledgraph: the points are not from the frames of the motion");
-    }
-    if (!noise_model || static_cast<Eigen::Index>(noise_model->dim()) != rows()) {
-      throw std::invalid_argument("ruledgraph: the noise model must have dimension " +
-                                  std::to_string(rows()));
-    }
-  }
-
-  void print(const std::string& name) const {
-    std::cout << name << ": " << geometry_.frames() << " frames, " << rows() << " rows\n";
-  }
-
- private:
-  Geometry geometry_;
-  Points points_;
-};
-
 /// One line over all frames that follow a node, on the node's state and the line: `Pose3`
 /// world_T_body, `Vector3` velocity, `imuBias::ConstantBias`, then, in the forms that have one, a
-/// time offset (`double`) or gravity (`Unit3` or `Vector3`), and last the line, `Vector4` in
-/// `chart`. The noise model has dimension `rows()` of the points, its unit is normalised image
-/// coordinates of one point. Constructors throw std::invalid_argument where sizes do not fit.
-class RuledSurfaceFactor : public gtsam::NoiseModelFactor {
+/// time offset (`double`), extrinsics (`Pose3`) or gravity (`Unit3` or `Vector3`), and last the
+/// line, `Vector4` in `chart`. The noise model has dimension `rows()` of the points, its unit is
+/// normalised image coordinates of one point. Constructors throw std::invalid_argument where sizes
+/// do not fit.
+class RuledSurfaceFactor : public LineObservation {
  public:
-  using Base = gtsam::NoiseModelFactor;
-  /// What is variable beside pose, velocity, bias and line.
-  enum class Form { kNode, kTimeOffset, kGravityDirection, kGravityVector };
+  /// Of nothing, for serialisation.
+  RuledSurfaceFactor() = default;
 
   RuledSurfaceFactor(const gtsam::SharedNoiseModel& noise_model, gtsam::Key pose_key,
                      gtsam::Key velocity_key, gtsam::Key bias_key, gtsam::Key line_key,
@@ -149,6 +51,20 @@ class RuledSurfaceFactor : public gtsam::NoiseModelFactor {
             noise_model,
             {pose_key, velocity_key, bias_key, time_key, line_key},
             {chart, motions, std::move(points), body_T_cam},
+            gravity};
+  }
+
+  /// With the camera's pose in the body, body_T_cam, as a `Pose3`.
+  static RuledSurfaceFactor WithExtrinsics(const gtsam::SharedNoiseModel& noise_model,
+                                           gtsam::Key pose_key, gtsam::Key velocity_key,
+                                           gtsam::Key bias_key, gtsam::Key extrinsics_key,
+                                           gtsam::Key line_key, const FrameMotions& motions,
+                                           const LineChart& chart, Points points,
+                                           const Vector3& gravity = {0.0, 0.0, -kStandardGravity}) {
+    return {Form::kExtrinsics,
+            noise_model,
+            {pose_key, velocity_key, bias_key, extrinsics_key, line_key},
+            {chart, motions, std::move(points), gtsam::Pose3()},
             gravity};
   }
 
@@ -181,122 +97,82 @@ class RuledSurfaceFactor : public gtsam::NoiseModelFactor {
             Vector3::Zero()};
   }
 
-  const RuledSurface& surface() const { return surface_; }
-
-  using Base::unwhitenedError;
-  /// The residual; into H, if given, its derivatives by the variables in the order of the keys.
-  gtsam::Vector unwhitenedError(const gtsam::Values& values, JacobiansOut H = {}) const override {
-    const auto& keys = this->keys();
-    const auto& pose = values.at<gtsam::Pose3>(keys[0]);
-    State state{pose.rotation().matrix(),
-                pose.translation(),
-                values.at<gtsam::Vector3>(keys[1]),
-                values.at<gtsam::imuBias::ConstantBias>(keys[2]).vector(),
-                gravity_,
-                values.at<gtsam::Vector4>(keys.back())};
-    gtsam::Matrix gravity_by_variable = Matrix3::Identity();
-    if (form_ == Form::kTimeOffset) {
-      state.time_shift = values.at<double>(keys[3]);
-    } else if (form_ == Form::kGravityVector) {
-      state.gravity = values.at<gtsam::Vector3>(keys[3]);
-    } else if (form_ == Form::kGravityDirection) {
-      const auto& direction = values.at<gtsam::Unit3>(keys[3]);
-      state.gravity = gravity_.norm() * direction.unitVector();
-      gravity_by_variable = gravity_.norm() * direction.basis();
-    }
-    if (!H) return surface_.evaluate(state, nullptr);
-    gtsam::Matrix jacobian;
-    const gtsam::Vector residual = surface_.evaluate(state, &jacobian);
-    (*H)[0] = jacobian.middleCols<6>(kPose);
-    (*H)[1] = jacobian.middleCols<3>(kVelocity);
-    (*H)[2] = jacobian.middleCols<6>(kBias);
-    if (form_ == Form::kTimeOffset) {
-      (*H)[3] = jacobian.col(kTime);
-    } else if (form_ != Form::kNode) {
-      (*H)[3] = jacobian.middleCols<3>(kGravity) * gravity_by_variable;
-    }
-    H->back() = jacobian.middleCols<4>(kLine);
-    return residual;
-  }
-
   gtsam::NonlinearFactor::shared_ptr clone() const override {
     return gtsam::NonlinearFactor::shared_ptr(new RuledSurfaceFactor(*this));
   }
 
-  bool equals(const gtsam::NonlinearFactor& other, double tolerance = 1e-9) const override {
-    const auto* same = dynamic_cast<const RuledSurfaceFactor*>(&other);
-    return same != nullptr && Base::equals(other, tolerance) && form_ == same->form_ &&
-           (gravity_ - same->gravity_).norm() <= tolerance &&
-           surface_.equals(same->surface_, tolerance);
-  }
-
-  void print(const std::string& s = "",
-             const gtsam::KeyFormatter& key_formatter = gtsam::DefaultKeyFormatter) const override {
-    surface_.print(s + "RuledSurfaceFactor");
-    Base::print("", key_formatter);
+  gtsam::NonlinearFactor::shared_ptr with_line(gtsam::Key line_key,
+                                               const LineChart& chart) const override {
+    auto* const copy = new RuledSurfaceFactor(*this);
+    const gtsam::NonlinearFactor::shared_ptr owner(copy);
+    copy->move_line(line_key, chart);
+    return owner;
   }
 
  private:
   RuledSurfaceFactor(Form form, const gtsam::SharedNoiseModel& noise_model,
                      const gtsam::KeyVector& keys, RuledSurface surface, const Vector3& gravity)
-      : Base(noise_model, keys), surface_(std::move(surface)), form_(form), gravity_(gravity) {
-    surface_.check(noise_model);
-  }
+      : LineObservation(form, noise_model, keys, std::move(surface), gravity) {}
 
-  RuledSurface surface_;
-  Form form_;
-  Vector3 gravity_;  ///< where it is a variable, its length alone counts
+#ifdef RULEDGRAPH_SERIALIZATION
+  friend class boost::serialization::access;
+  template <class Archive>
+  void serialize(Archive& archive, unsigned int) {
+    using boost::serialization::make_nvp;
+    archive& make_nvp("LineObservation", boost::serialization::base_object<LineObservation>(*this));
+  }
+#endif
 };
 
 /// One line in one frame that has a pose of its own: `Pose3` world_T_body, or world_T_cam without
 /// `body_T_cam`, and the line. `points` hold that one frame.
-class RuledSurfacePoseFactor : public gtsam::NoiseModelFactor {
+class RuledSurfacePoseFactor : public LineObservation {
  public:
-  using Base = gtsam::NoiseModelFactor;
+  /// Of nothing, for serialisation.
+  RuledSurfacePoseFactor() = default;
 
   RuledSurfacePoseFactor(const gtsam::SharedNoiseModel& noise_model, gtsam::Key pose_key,
                          gtsam::Key line_key, const LineChart& chart, Points points,
                          const gtsam::Pose3& body_T_cam = gtsam::Pose3())
-      : Base(noise_model, gtsam::KeyVector{pose_key, line_key}),
-        surface_(chart, FrameMotions::at_rest(), std::move(points), body_T_cam) {
-    surface_.check(noise_model);
-  }
+      : RuledSurfacePoseFactor(Form::kPose, noise_model, {pose_key, line_key},
+                               {chart, FrameMotions::at_rest(), std::move(points), body_T_cam}) {}
 
-  const RuledSurface& surface() const { return surface_; }
-
-  using Base::unwhitenedError;
-  /// As `RuledSurfaceFactor::unwhitenedError`.
-  gtsam::Vector unwhitenedError(const gtsam::Values& values, JacobiansOut H = {}) const override {
-    const auto& pose = values.at<gtsam::Pose3>(keys()[0]);
-    const State state{pose.rotation().matrix(), pose.translation(),
-                      Vector3::Zero(),          Vector6::Zero(),
-                      Vector3::Zero(),          values.at<gtsam::Vector4>(keys()[1])};
-    if (!H) return surface_.evaluate(state, nullptr);
-    gtsam::Matrix jacobian;
-    const gtsam::Vector residual = surface_.evaluate(state, &jacobian);
-    (*H)[0] = jacobian.middleCols<6>(kPose);
-    (*H)[1] = jacobian.middleCols<4>(kLine);
-    return residual;
+  /// With the camera's pose in the body, body_T_cam, as a `Pose3`.
+  static RuledSurfacePoseFactor WithExtrinsics(const gtsam::SharedNoiseModel& noise_model,
+                                               gtsam::Key pose_key, gtsam::Key extrinsics_key,
+                                               gtsam::Key line_key, const LineChart& chart,
+                                               Points points) {
+    return {Form::kPoseExtrinsics,
+            noise_model,
+            {pose_key, extrinsics_key, line_key},
+            {chart, FrameMotions::at_rest(), std::move(points), gtsam::Pose3()}};
   }
 
   gtsam::NonlinearFactor::shared_ptr clone() const override {
     return gtsam::NonlinearFactor::shared_ptr(new RuledSurfacePoseFactor(*this));
   }
 
-  bool equals(const gtsam::NonlinearFactor& other, double tolerance = 1e-9) const override {
-    const auto* same = dynamic_cast<const RuledSurfacePoseFactor*>(&other);
-    return same != nullptr && Base::equals(other, tolerance) &&
-           surface_.equals(same->surface_, tolerance);
-  }
-
-  void print(const std::string& s = "",
-             const gtsam::KeyFormatter& key_formatter = gtsam::DefaultKeyFormatter) const override {
-    surface_.print(s + "RuledSurfacePoseFactor");
-    Base::print("", key_formatter);
+  gtsam::NonlinearFactor::shared_ptr with_line(gtsam::Key line_key,
+                                               const LineChart& chart) const override {
+    auto* const copy = new RuledSurfacePoseFactor(*this);
+    const gtsam::NonlinearFactor::shared_ptr owner(copy);
+    copy->move_line(line_key, chart);
+    return owner;
   }
 
  private:
-  RuledSurface surface_;
+  RuledSurfacePoseFactor(Form form, const gtsam::SharedNoiseModel& noise_model,
+                         const gtsam::KeyVector& keys, RuledSurface surface)
+      : LineObservation(form, noise_model, keys, std::move(surface), Vector3::Zero()) {}
+
+#ifdef RULEDGRAPH_SERIALIZATION
+  friend class boost::serialization::access;
+  template <class Archive>
+  void serialize(Archive& archive, unsigned int) {
+    using boost::serialization::make_nvp;
+    archive& make_nvp("LineObservation", boost::serialization::base_object<LineObservation>(*this));
+  }
+#endif
 };
 
 }  // namespace ruledgraph

@@ -19,6 +19,8 @@
 #include <utility>
 #include <vector>
 
+#include "ruledgraph/so3.hpp"
+
 #define GTSAM_VERSION_NUMERIC STANDIN_VERSION
 
 #if STANDIN_VERSION < 40300
@@ -96,14 +98,10 @@ class Rot3 {
  public:
   Rot3() = default;
   explicit Rot3(const Matrix3& matrix) : matrix_(matrix) {}
-  static Rot3 Expmap(const Vector3& v) {
-    const double angle = v.norm();
-    if (angle == 0.0) return Rot3();
-    return Rot3(Eigen::AngleAxisd(angle, v / angle).toRotationMatrix());
-  }
   Matrix3 matrix() const { return matrix_; }
 
  private:
+  friend class Pose3;
   Matrix3 matrix_ = Matrix3::Identity();
 };
 
@@ -119,14 +117,28 @@ class Pose3 {
     return Pose3(Rot3(rotation * other.rotation_.matrix()),
                  rotation * other.translation_ + translation_);
   }
-  /// Right perturbation, rotation first; to first order that of GTSAM.
+  /// Right perturbation by the exponential map, rotation first.
   Pose3 retract(const Vector6& v) const {
-    const Matrix3 rotation = rotation_.matrix();
-    return Pose3(Rot3(rotation * Rot3::Expmap(v.head<3>()).matrix()),
-                 translation_ + rotation * v.tail<3>());
+    return *this * Pose3(Rot3(ruledgraph::exponential(v.head<3>()).rotation),
+                         left_jacobian(v.head<3>()) * v.tail<3>());
+  }
+  Vector6 localCoordinates(const Pose3& other) const {
+    const Matrix3 inverse = rotation_.matrix().transpose();
+    const Vector3 turn = ruledgraph::logarithm(inverse * other.rotation_.matrix());
+    Vector6 v;
+    v << turn, left_jacobian(turn).inverse() * (inverse * (other.translation_ - translation_));
+    return v;
+  }
+  template <class Archive>
+  void serialize(Archive& archive, unsigned int) {
+    archive & rotation_.matrix_;
+    archive & translation_;
   }
 
  private:
+  static Matrix3 left_jacobian(const Vector3& v) {
+    return ruledgraph::exponential(-v).right_jacobian;
+  }
   Rot3 rotation_;
   Point3 translation_ = Point3::Zero();
 };
@@ -180,17 +192,47 @@ class Values {
 
 namespace noiseModel {
 
+/// Of one standard deviation.
 class Base {
  public:
-  explicit Base(std::size_t dim) : dim_(dim) {}
+  explicit Base(std::size_t dim, double sigma = 1.0) : dim_(dim), sigma_(sigma) {}
+  virtual ~Base() = default;
   std::size_t dim() const { return dim_; }
+  virtual Vector whiten(const Vector& v) const { return v / sigma_; }
 
  private:
   std::size_t dim_;
+  double sigma_;
 };
 
 struct Unit {
   static Shared<Base> Create(std::size_t dim) { return Shared<Base>(new Base(dim)); }
+};
+
+struct Isotropic {
+  static Shared<Base> Sigma(std::size_t dim, double sigma) {
+    return Shared<Base>(new Base(dim, sigma));
+  }
+};
+
+struct mEstimator {
+  struct Huber {
+    static Shared<Huber> Create(double) { return Shared<Huber>(new Huber); }
+  };
+};
+
+class Robust : public Base {
+ public:
+  explicit Robust(const Shared<Base>& noise) : Base(noise->dim()), noise_(noise) {}
+  static Shared<Base> Create(const Shared<mEstimator::Huber>&, const Shared<Base>& noise) {
+    return Shared<Base>(new Robust(noise));
+  }
+  const Shared<Base>& noise() const { return noise_; }
+  /// Weighs, too.
+  Vector whiten(const Vector& v) const override { return 0.5 * noise_->whiten(v); }
+
+ private:
+  Shared<Base> noise_;
 };
 
 }  // namespace noiseModel
@@ -201,6 +243,7 @@ class NonlinearFactor {
  public:
   using shared_ptr = Shared<NonlinearFactor>;
 
+  NonlinearFactor() = default;
   explicit NonlinearFactor(KeyVector keys) : keys_(std::move(keys)) {}
   virtual ~NonlinearFactor() = default;
   const KeyVector& keys() const { return keys_; }
@@ -228,6 +271,7 @@ using JacobiansOut = OptionalMatrixVecType;
 
 class NoiseModelFactor : public NonlinearFactor {
  public:
+  NoiseModelFactor() = default;
   NoiseModelFactor(const SharedNoiseModel& noise_model, const KeyVector& keys)
       : NonlinearFactor(keys), noise_model_(noise_model) {}
   bool equals(const NonlinearFactor& other, double tolerance = 1e-9) const override {
@@ -241,9 +285,50 @@ class NoiseModelFactor : public NonlinearFactor {
     return unwhitenedError(values, &H);
   }
 #endif
+  const SharedNoiseModel& noiseModel() const { return noise_model_; }
+
+  /// Keys and dimension: of a `Unit` model.
+  template <class Archive>
+  void serialize(Archive& archive, unsigned int) {
+    std::size_t dim = noise_model_ ? noise_model_->dim() : 0;
+    archive & keys_;
+    archive & dim;
+    if (Archive::is_loading::value) noise_model_ = noiseModel::Unit::Create(dim);
+  }
 
  private:
   SharedNoiseModel noise_model_;
+};
+
+using FactorIndices = std::vector<std::size_t>;
+
+class NonlinearFactorGraph {
+ public:
+  template <typename Factor>
+  void add(const Factor& factor) {
+    factors_.push_back(factor.clone());
+  }
+  template <typename T>
+  void addPrior(Key key, const T& prior, const SharedNoiseModel& model);
+  void push_back(const NonlinearFactor::shared_ptr& factor) { factors_.push_back(factor); }
+  std::size_t size() const { return factors_.size(); }
+  const NonlinearFactor::shared_ptr& operator[](std::size_t i) const { return factors_[i]; }
+
+ private:
+  std::vector<NonlinearFactor::shared_ptr> factors_;
+};
+
+struct LevenbergMarquardtParams {
+  void setDiagonalDamping(bool) {}
+  void setlambdaUpperBound(double) {}
+};
+
+struct ISAM2DoglegParams {};
+
+struct ISAM2Params {
+  ISAM2DoglegParams optimizationParams;
+  double relinearizeThreshold = 0.1;
+  int relinearizeSkip = 10;
 };
 
 }  // namespace gtsam
