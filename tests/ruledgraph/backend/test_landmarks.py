@@ -27,3 +27,25 @@ def test_the_covariance_of_a_lines_ends_is_that_of_drawn_lines():
         sample, own = np.cov(drawn[:, end].T), estimate.covariance[end]
         # A sample covariance is off by sqrt(2 / count), 2 % of its size; five of them.
         np.testing.assert_allclose(sample, own, atol=0.11 * np.linalg.norm(own, 2))
+
+
+def test_a_line_ends_where_it_was_seen_furthest_but_for_one_sighting_in_twenty():
+    first, second = np.array([-1.0, 0.2, 3.0]), np.array([1.0, 0.4, 2.5])
+    chart = LineChart.from_points(gtsam.Pose3(), first, second)
+    line = Landmark(1, 1, chart, np.zeros(4), 1e-6 * np.eye(4), 0, 0, 0.0)
+    # Most sightings are of a part; 3 of 100 go far beyond the line.
+    for i, share in enumerate(np.linspace(0.0, 1.0, 100)):
+        reach = [-2.0, 3.0] if i % 40 == 0 else [-0.6 + 0.3 * share, 0.2 + 0.3 * share]
+        line.record_extent(np.array(reach))
+    estimate = line.estimate(0.05)
+    assert estimate is not None
+    ends, _ = chart.end_points(np.zeros(4), np.array([-0.6, 0.5]))
+    # m; a twentieth of 0.3 m.
+    np.testing.assert_allclose(estimate.ends, ends, atol=0.015)
+
+
+def test_a_line_without_a_known_extent_is_not_handed_out():
+    chart = LineChart.from_points(
+        gtsam.Pose3(), np.array([0.0, 0.0, 2.0]), np.array([1.0, 0.0, 2.0])
+    )
+    assert Landmark(1, 1, chart, np.zeros(4), np.eye(4), 0, 0, 0.0).estimate(0.05) is None

@@ -117,6 +117,22 @@ def test_a_failing_smoother_is_rebuilt_and_the_run_goes_on(monkeypatch):
     assert len(window.lines) == 12
 
 
+def test_a_rebuilt_smoother_holds_the_lines_it_had(monkeypatch):
+    """Under their own variables: they are not given up and found anew."""
+    made = ideal_tracks(3, hand_held(np.random.default_rng(3)))
+    fail_updates(monkeypatch, 6)
+    window = Window(CALIBRATION, Config(), start_of(made))
+    known: list[dict[int, int]] = []
+    for first in range(1, 28, 3):
+        part = slice(first, first + 3)
+        window.extend(made.stamps[part], made.times[part].tolist(), made.imu, made.tracks, False)
+        window.optimize()
+        known.append({id_: line.key for id_, line in window.lines.items()})
+    assert len(window.recoveries) == 1
+    assert len(known[4]) == 12
+    assert known[5] == known[4]
+
+
 @pytest.mark.parametrize(
     ("position", "velocity", "is_rebuilt"),
     [(0.5, 0.0, False), (2.0, 0.0, True), (0.0, 1.5, False), (0.0, 6.0, True)],

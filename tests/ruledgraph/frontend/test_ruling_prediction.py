@@ -83,6 +83,18 @@ def test_the_sigmas_are_those_of_the_covariance():
     np.testing.assert_allclose(own.sigmas, wanted, rtol=0.05)
 
 
+def test_a_line_that_was_missed_is_searched_for_more_widely():
+    """By half as much again for each frame, once its estimate is precise."""
+    line, _ = random_line(np.random.default_rng(5))
+    line.covariance = 1e-16 * np.eye(4)
+    sigmas = []
+    for line.track.misses in range(4):
+        otherwise = by_rotation([line.track], np.eye(3), 0.1, FOCAL)
+        sigmas.append(estimated([line], otherwise).sigmas[0])
+    wanted = 1.2 * 1.5 ** np.arange(4.0)
+    np.testing.assert_allclose(sigmas, np.column_stack([wanted, wanted]), rtol=1e-6)
+
+
 def test_a_line_through_the_camera_stays_with_the_rotation():
     rng = np.random.default_rng(2)
     line, _ = random_line(rng)

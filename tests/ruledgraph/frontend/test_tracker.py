@@ -8,6 +8,7 @@ from edge_images import CAMERA, edge_image, line_through
 from ruledgraph.core.config import EdgesConfig, TracksConfig
 from ruledgraph.frontend.edge_batch import Rulings
 from ruledgraph.frontend.gradient import Gradient
+from ruledgraph.frontend.ruling_prediction import by_rotation
 from ruledgraph.frontend.tracker import Tracker
 from ruledgraph_factors import GeometricPoints
 
@@ -71,6 +72,54 @@ def test_of_tracks_on_one_line_the_oldest_stays(oldest):
     kept = tracker.tracks[oldest]
     tracker.drop_duplicates()
     assert tracker.tracks == [kept]
+
+
+def turned(ends: np.ndarray, degrees: float, length_px: float) -> np.ndarray:
+    """A segment about the middle of another, turned."""
+    along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    half = 0.5 * length_px / CAMERA.focal_length * np.array([[c, -s], [s, c]]) @ along
+    return ends.mean(axis=0) + np.array([-half, half])
+
+
+@pytest.mark.parametrize(
+    ("degrees", "slope", "is_other"), [(2.0, 20.0, False), (14.0, 20.0, True), (2.0, -20.0, True)]
+)
+def test_lines_that_cross_and_edges_of_other_polarity_are_not_the_same(degrees, slope, is_other):
+    """However close: 40 px long, each turned segment stays within 5 px of the long one."""
+    tracker, gradient = Tracker(CAMERA, EdgesConfig(), TracksConfig()), scene(LEVEL, STEEP)
+    assert started(tracker, gradient, LEVEL, STEEP) == [1, 2]
+    tracker.tracks[0].slope = 20.0
+    tracker.tracks[1].ends, tracker.tracks[1].slope = turned(LEVEL, degrees, 40.0), slope
+    tracker.drop_duplicates()
+    assert [track.number for track in tracker.tracks] == ([1, 2] if is_other else [1])
+
+
+def test_a_steady_motion_of_a_line_is_learnt():
+    """3 px a frame at one end and 1 px at the other, in frames of 50 ms; the camera is still."""
+    tracker = Tracker(CAMERA, EdgesConfig(), TracksConfig())
+    places = [
+        LEVEL + i * np.array([[0.0, 3.0], [0.0, 1.0]]) / CAMERA.focal_length for i in range(8)
+    ]
+    assert started(tracker, scene(LEVEL), LEVEL) == [1]
+    (track,) = tracker.tracks
+    for i, place in enumerate(places[1:-1], start=1):
+        predicted = by_rotation([track], np.eye(3), 0.05, CAMERA.focal_length)
+        assert tracker.follow(i, 0.05 * i, scene(place), predicted) == [track]
+    (next_one,) = by_rotation([track], np.eye(3), 0.05, CAMERA.focal_length).one_by_one()
+    homogeneous = np.column_stack([next_one.ends, np.ones(2)])
+    # A line that was thought to stand still would be up to 3 px away.
+    assert np.abs(homogeneous @ line_through(*places[-1])).max() * CAMERA.focal_length < 0.5
+
+
+def test_sightings_are_forgotten_from_the_oldest_on():
+    tracker, gradient = Tracker(CAMERA, EdgesConfig(), TracksConfig()), scene(LEVEL)
+    assert started(tracker, gradient, LEVEL) == [1]
+    for i in (1, 2, 3):
+        tracker.follow(i, 0.05 * i, gradient, where_they_are(tracker))
+    tracker.forget(2)
+    assert [sighting.stamp for sighting in tracker.tracks[0].sightings] == [2, 3]
+    assert [sighting.stamp for sighting in tracker.observed()[0].sightings] == [2, 3]
 
 
 def test_motion_of_the_image_is_that_across_lines_since_a_frame():

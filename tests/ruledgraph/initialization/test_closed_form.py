@@ -45,3 +45,22 @@ def test_jumps_of_some_tracks_do_not_move_the_bias():
     samples = made.imu.between(made.times[0], made.times[-1])
     found = gyroscope_bias(samples, made.times.tolist(), lines, 0.1)
     np.testing.assert_allclose(found, bias[3:], atol=0.02)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_where_lines_tell_little_gravity_is_opposite_to_the_specific_force(seed):
+    made = ideal_tracks(
+        seed,
+        hand_held(np.random.default_rng(seed)),
+        rate=20.0,
+        duration=0.3,
+        segments=MANY[:2],
+    )
+    body_R_cam, arm = BODY_T_CAM.rotation().matrix(), BODY_T_CAM.translation()
+    frames, sigma = list(range(len(made.times))), 0.5 / FOCAL_LENGTH
+    lines = [Planes.of(frames, list(t.sightings), body_R_cam, sigma) for t in made.tracks]
+    samples = made.imu.between(made.times[0], made.times[-1])
+    found = closed_form(samples, made.times.tolist(), lines, np.zeros(3), arm)
+    true = made.motion.rotation(0.0).T @ [0.0, 0.0, -9.81]
+    # Within the 5 m/s^2 that a hand may add, and some: not without a direction, not the wrong way.
+    assert np.linalg.norm(found.gravity - true) < 6.0

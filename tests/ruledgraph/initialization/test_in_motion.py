@@ -1,10 +1,13 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
 
+from types import SimpleNamespace
+
 import gtsam
 import numpy as np
 import pytest
 
+import ruledgraph.initialization.in_motion
 from ideal_tracks import CALIBRATION, MANY, IdealTracks, ideal_tracks, sighting
 from ruledgraph.backend.start import Start
 from ruledgraph.core.config import Config
@@ -141,6 +144,34 @@ def test_one_line_is_refused_with_the_reason():
     refusal = begun(in_motion(0, segments=SEGMENTS[:1]))
     assert isinstance(refusal, Refusal)
     assert refusal.reason == "1 lines were followed long enough, 2 are needed"
+
+
+@pytest.mark.parametrize(
+    ("velocity", "worse", "is_believed"),
+    [(1.0, 0.0, False), (1.0, 1e3, True), (0.0, 0.0, True)],
+    ids=["another motion", "one that fits worse", "the same motion"],
+)
+def test_a_start_is_refused_when_another_motion_fits_as_well(
+    monkeypatch, velocity, worse, is_believed
+):
+    made = in_motion(0)
+    best = solved(window_of(made))[0]
+    rival = SimpleNamespace(
+        pose=best.pose, velocity=best.velocity + velocity * np.eye(3)[0], error=best.error + worse
+    )
+    monkeypatch.setattr(ruledgraph.initialization.in_motion, "solved", lambda _: [best, rival])
+    start = begun(made)
+    assert isinstance(start, Start) == is_believed
+    if isinstance(start, Refusal):
+        assert start.reason == "two motions explain the lines as well as each other"
+
+
+def test_a_hypothesis_that_is_stuck_is_no_rival():
+    """One of the distances that lines may begin at leads to a wrong minimum here."""
+    best, second = solved(window_of(in_motion(0, accelerometer_bias=0.5, segments=SEGMENTS)))
+    assert second.error < 1.1 * best.error
+    velocities = [batch.pose.rotation().unrotate(batch.velocity) for batch in (best, second)]
+    np.testing.assert_allclose(*velocities, atol=0.02)
 
 
 def test_a_start_moves_to_where_the_last_segment_ended():
