@@ -25,6 +25,9 @@ _DISTORTION: dict[str, DistortionModel] = {
 # Camera models of Kalibr and how many parameters come before the four of a pinhole.
 _OWN_PARAMETERS: dict[Any, int] = {"pinhole": 0, "omni": 1, "eucm": 2, "ds": 2}
 _LARGEST_IMAGE = 20_000  # px
+# Places looked at along each side of the image, and the least share of them with a viewing ray:
+# towards the corners the polynomial of a good calibration may fold over.
+_PLACES, _PLACES_SEEN = 5, 0.5
 _FOCAL_LENGTH = (0.1, 20.0)  # of the image's longer side
 
 
@@ -161,6 +164,26 @@ def _checked(
     if distortion == "none" and not any(coefficients):
         coefficients = []
     try:
-        return CameraModel(int(width), int(height), fx, fy, cx, cy, distortion, tuple(coefficients))
+        model = CameraModel(
+            int(width), int(height), fx, fy, cx, cy, distortion, tuple(coefficients)
+        )
     except RuledgraphError as error:
         raise section.error(coefficients_key, f"do not fit: {error}") from None
+    seen, places = _places_seen(model)
+    if seen < _PLACES_SEEN * places:
+        raise section.error(
+            coefficients_key, f"leave {seen} of the image's {places} places a viewing ray"
+        )
+    return model
+
+
+def _places_seen(model: CameraModel) -> tuple[int, int]:
+    """Of how many places of the image there is a viewing ray, and how many were looked at."""
+    shares = (np.arange(_PLACES) + 0.5) / _PLACES
+    u, v = np.meshgrid(shares * model.width, shares * model.height)
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1)
+    with np.errstate(all="ignore"):
+        rays = model.undistort(pixels)
+    # Beyond a fold a polynomial leads to the other side of the axis.
+    pinhole = (pixels - [model.cx, model.cy]) / [model.fx, model.fy]
+    return int(np.count_nonzero(np.sum(rays * pinhole, axis=1) >= 0.0)), len(pixels)

@@ -14,6 +14,7 @@ from ruledgraph.calibration.section import NOISE_KEYS, CalibrationError, Section
 from ruledgraph.calibration.sensors import (
     ADIS16448_LIKE,
     D435I_LIKE,
+    LEAST_NOISE,
     Calibration,
     CameraModel,
     ImuNoise,
@@ -182,9 +183,9 @@ def _imu_noise(sources: _Sources) -> ImuNoise:
     for name, key in NOISE_KEYS.items():
         if key not in sources.imu.values:
             raise sources.imu.error(key, f"is missing; add it, or take typical figures: {flags}")
-        figures[name] = sources.imu.number(key, 0.0, _LARGEST_NOISE)
-        if figures[name] == 0.0:
+        if sources.imu.some_numbers(key, 1)[0] == 0.0:
             raise sources.imu.error(key, "= 0 is no noise figure, give a positive one")
+        figures[name] = sources.imu.number(key, LEAST_NOISE, _LARGEST_NOISE)
     return ImuNoise(**figures)
 
 

@@ -200,6 +200,11 @@ def _equidistant(xy: FloatArray, coefficients: tuple[float, ...]) -> tuple[Float
     return xy * scale[:, None], jacobian
 
 
+LEAST_NOISE = 1e-12
+"""Of any noise figure, in its SI unit. The best gyroscopes have 1e-8 rad/s/sqrt(Hz); squares of
+less are lost beside those of the lines."""
+
+
 @dataclass(frozen=True)
 class ImuNoise:
     """White noise densities and bias random walks of an IMU."""
@@ -215,8 +220,10 @@ class ImuNoise:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not (np.isfinite(value) and value > 0.0):
-                raise RuledgraphError(f"IMU noise figure {name} = {value} is not positive")
+            if not LEAST_NOISE <= value < np.inf:
+                raise RuledgraphError(
+                    f"IMU noise figure {name} = {value} is not from {LEAST_NOISE:g} on"
+                )
 
     def preintegration_params(self) -> gtsam.PreintegrationCombinedParams:
         """The same figures for GTSAM's `CombinedImuFactor`, world z up."""

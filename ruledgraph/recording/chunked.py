@@ -21,7 +21,14 @@ from typing import BinaryIO, NamedTuple
 import lz4.frame  # type: ignore[import-untyped]
 from backports import zstd
 
-from ruledgraph.recording.container import MAX_BLOCK, Kind, RawMessage, Topic, merge_topics
+from ruledgraph.recording.container import (
+    MAX_BLOCK,
+    Kind,
+    RawMessage,
+    Topic,
+    merge_topics,
+    printable,
+)
 
 # Bytes; records outside of chunks are gathered to blocks of about this size.
 _LOOSE_BLOCK = 2**20
@@ -109,7 +116,7 @@ class ChunkedFile(ABC):
         some converters do, comes out beside it.
         """
         wanted = {i for i, c in self.connections.items() if c.topic in topics}
-        random_walk_factor = itertools.count()
+        order = itertools.count()
         queue: list[tuple[int, int, RawMessage]] = []
         with self.path.open("rb") as file:
             for block in sorted(self.blocks, key=lambda block: block.start):
@@ -120,7 +127,7 @@ class ChunkedFile(ABC):
                 for received, number, data in self._read(file, block):
                     if number in wanted:
                         message = RawMessage(received, self.connections[number].topic, data)
-                        heapq.heappush(queue, (received, next(random_walk_factor), message))
+                        heapq.heappush(queue, (received, next(order), message))
         while queue:
             yield heapq.heappop(queue)[2]
 
@@ -207,12 +214,5 @@ def _lz4(data: bytes, size: int) -> bytes:
 
 
 def string(data: bytes) -> str:
-    """Printable UTF-8 text of a record.
-
-    Raises:
-        DamagedError: when it is none.
-    """
-    text = data.decode(errors="replace")
-    if not text.isprintable():
-        raise DamagedError("a name is not text")
-    return text
+    """The text of a record, control characters escaped."""
+    return printable(data.decode(errors="replace"))

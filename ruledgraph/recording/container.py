@@ -54,6 +54,11 @@ def merge_topics(topics: Collection[Topic]) -> list[Topic]:
     return [Topic(*key, count) for key, count in sorted(merged.items())]
 
 
+def printable(name: str) -> str:
+    """A name with its control characters escaped as Python does it."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in name)
+
+
 def first_of(damage: dict[str, int]) -> str:
     """The first damage, to append to a message that it may explain."""
     return f"; {next(iter(damage))}" if damage else ""

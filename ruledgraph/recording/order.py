@@ -45,7 +45,7 @@ def in_stamp_order(
     held: dict[str, Stamped] = {}
     newest: dict[str, int] = {}  # the latest confirmed stamp of each topic
     heap: list[tuple[int, bool, int, Stamped]] = []
-    random_walk_factor = itertools.count()
+    order = itertools.count()
     released = 0
 
     def confirm(message: Stamped) -> None:
@@ -56,7 +56,7 @@ def in_stamp_order(
         if message.stamp < newest.get(name, 0):
             reordered()
         newest[name] = max(message.stamp, newest.get(name, 0))
-        heapq.heappush(heap, (message.stamp, message.camera, next(random_walk_factor), message))
+        heapq.heappush(heap, (message.stamp, message.camera, next(order), message))
 
     for message in messages:
         name = message.topic.name

@@ -9,7 +9,7 @@ from contextlib import closing
 from pathlib import Path
 from urllib.parse import quote
 
-from ruledgraph.recording.container import Kind, RawMessage, Topic, merge_topics
+from ruledgraph.recording.container import Kind, RawMessage, Topic, merge_topics, printable
 from ruledgraph.recording.errors import RecordingError
 
 MAGIC = b"SQLite format 3\0"
@@ -33,25 +33,39 @@ class SqliteFile:
                     "SELECT id, name, type, serialization_format FROM topics"
                 ).fetchall()
                 topics = {
-                    number: Topic(str(name), str(type_), str(encoding), 0)
+                    number: Topic(_text(name), _text(type_), _text(encoding), 0)
                     for number, name, type_, encoding in rows
-                    if isinstance(number, int) and str(name).isprintable()
+                    if isinstance(number, int)
                 }
-                counts = dict.fromkeys(topics, 0)
-                try:
-                    for number, count in database.execute(
-                        "SELECT topic_id, count(*) FROM messages GROUP BY topic_id"
-                    ):
-                        counts[number] = count
-                except sqlite3.DatabaseError:
-                    for number, *_ in self._rows(database, topics):
-                        counts[number] += 1
-        except (sqlite3.Error, UnicodeDecodeError) as error:
+                counts = self._counts(database, topics)
+        except sqlite3.Error as error:
             raise RecordingError(f"{path.name} is no readable ROS 2 bag: {error}") from None
         self._topics = topics
         self.topics = merge_topics(
             [t._replace(message_count=counts.get(i, 0)) for i, t in topics.items()]
         )
+
+    def _counts(self, database: sqlite3.Connection, topics: Collection[int]) -> dict[int, int]:
+        """Messages of each topic; those of none are damage."""
+        counts, others = dict.fromkeys(topics, 0), 0
+        try:
+            for number, count in database.execute(
+                "SELECT topic_id, count(*) FROM messages GROUP BY topic_id"
+            ):
+                if number in counts:
+                    counts[number] = count
+                else:
+                    others += count
+        except sqlite3.DatabaseError:
+            for number, *_ in self._rows(database, topics):
+                counts[number] += 1
+        self._note_rows(others, "belong to no topic")
+        return counts
+
+    def _note_rows(self, count: int, why: str) -> None:
+        if count:
+            rows = "row" if count == 1 else "rows"
+            self.damage[f"{self.path.name}: {count} {rows} of messages {why}"] = 0
 
     def _check_tables(self, database: sqlite3.Connection) -> None:
         """Views and computed columns are programs: they may run without end."""
@@ -59,8 +73,8 @@ class SqliteFile:
             found = database.execute(
                 "SELECT type, sql FROM sqlite_master WHERE name = ?", (name,)
             ).fetchone()
-            kind, statement = found or ("", "")
-            words = str(statement).upper()
+            kind, statement = map(_text, found or ("", ""))
+            words = statement.upper()
             if kind != "table" or " VIRTUAL " in words or " AS " in words.replace("(", " "):
                 raise RecordingError(f"{self.path.name} is no ROS 2 bag: {name} is no table of one")
 
@@ -93,16 +107,19 @@ class SqliteFile:
         # A table is written from its first page on, so of a file that was cut the rows can be
         # read up to the cut; the index by time may lie anywhere.
         order = "id" if self._truncated else "timestamp"
-        delivered = 0
+        delivered = odd = 0
         numbers = ",".join(str(int(number)) for number in wanted)
         try:
             for number, received, data in database.execute(
                 "SELECT topic_id, timestamp, data FROM messages "  # noqa: S608 - integers only
                 f"WHERE topic_id IN ({numbers}) ORDER BY {order}"
             ):
-                if isinstance(received, int) and isinstance(data, bytes):
-                    yield number, received, data
+                if isinstance(received, int | float) and isinstance(data, bytes):
+                    yield number, int(received), data
                     delivered += len(data)
+                else:
+                    odd += 1
+            self._note_rows(odd, "hold no time or no bytes: they are left out")
         except sqlite3.DatabaseError as error:
             if self._truncated:
                 return  # that is the cut
@@ -115,10 +132,16 @@ class SqliteFile:
         log = self.path.with_name(self.path.name + "-wal")
         mode = "mode=ro" if log.exists() else "immutable=1"
         database = sqlite3.connect(f"file:{quote(str(self.path))}?{mode}", uri=True)
+        database.text_factory = bytes  # a message may be stored as text
         if self._truncated:
             # Otherwise sqlite refuses a file that is shorter than its header says.
             database.execute("PRAGMA writable_schema = ON")
         return database
+
+
+def _text(value: object) -> str:
+    """A name as it can be shown and asked for."""
+    return printable(value.decode(errors="replace") if isinstance(value, bytes) else str(value))
 
 
 def _line(error: Exception) -> str:
