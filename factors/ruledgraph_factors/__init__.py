@@ -22,6 +22,7 @@ from ruledgraph_factors.factories import (
 from ruledgraph_factors.first_window import solve_first_window
 from ruledgraph_factors.graph_io import build_factor, clone_graph, load_graph, save_graph
 from ruledgraph_factors.gravity import level_attitude
+from ruledgraph_factors.imu_noise import with_imu_noise
 from ruledgraph_factors.kernel import active_kernel
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.line_distance import (
@@ -109,4 +110,5 @@ __all__ = [
     "solve_first_window",
     "spec_of",
     "triangulate_line",
+    "with_imu_noise",
 ]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 import gtsam
+from gtsam import noiseModel
 
 from ruledgraph_factors.errors import FactorError
 from ruledgraph_factors.factor_spec import FactorSpec, chart_arrays, chart_from, pose3
@@ -108,6 +109,10 @@ class RuledSurfaceSpec(FactorSpec):
     def with_line(self, line_key: int, chart: LineChart) -> "RuledSurfaceSpec":
         """The same observation of a line that has a new chart and key."""
         return replace(self, keys=(*self.keys[:-1], line_key), chart=chart)
+
+    def with_noise(self, noise_model: noiseModel.Base) -> "RuledSurfaceSpec":
+        """The same with another noise model."""
+        return replace(self, noise_model=noise_model)
 
     def _header(self) -> dict[str, Any]:
         return {**super()._header(), "form": self.form}
