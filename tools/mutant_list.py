@@ -209,10 +209,19 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "frontend/test_edge_search",
         (
             ("0.5 * (lft - rgt)", "0.5 * (rgt - lft)"),
-            ("_APART = 3.0", "_APART = 300.0"),
-            ("LEAST_SUPPORT = 0.35", "LEAST_SUPPORT = 0.0"),
             ("np.float32(np.sign(ruling.slope))", "np.float32(1.0)"),
-            (">= -_STRIPE_SHARE * middle", ">= -9.0 * middle"),
+            (">= -np.float32(config.stripe_share) * middle", ">= -9.0 * middle"),
+        ),
+    ),
+    (
+        "core/image_config.py",
+        "frontend/test_edge_search",
+        (
+            (
+                "rival_distance_px: float = number(3.0,",
+                "rival_distance_px: float = number(50.0,",
+            ),
+            ("least_support: float = number(0.35,", "least_support: float = number(0.0,"),
         ),
     ),
     (

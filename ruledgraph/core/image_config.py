@@ -26,6 +26,38 @@ class EdgesConfig(Section):
     """The most points of that deviation a line's edge in one frame counts for."""
     bounded: bool = True
     """Whether a line is searched only where it was seen; the paper's rulings are unbounded."""
+    station_distance_px: float = number(3.0, "px", 0.5, 50.0)
+    """Distance between the places along a ruling (stations) where edge points are looked for."""
+    most_stations: int = number(80, "", 10, 1000)
+    """Stations of a ruling at most: a long one has them further apart."""
+    fewest_points: int = number(8, "", 3, 100)
+    """Fewer edge points are no line."""
+    least_support: float = number(0.35, "", 0.0, 1.0)
+    """Share of the stations inside the image that must have a point."""
+    least_extent: float = number(0.1, "", 0.0, 1.0)
+    """Share of the ruling's length that the points must cover."""
+    least_slope: float = number(1.5, "grey/px", 0.1, 100.0)
+    """Smallest slope across an edge: seven times what pixel noise of 1.5 grey levels leaves."""
+    least_slope_share: float = number(0.3, "", 0.0, 1.0)
+    """How much weaker than the line usually is a point may be."""
+    stripe_px: int = number(5, "px", 0, 50)
+    """An edge with one of the other polarity so near bounds a thin stripe and is left out. Blur
+    pushes the two apart, more the thinner the stripe: moving towards it would seem slower."""
+    stripe_share: float = number(0.4, "", 0.0, 10.0)
+    """How strong the other edge of such a stripe is at least, as a share of the one."""
+    vote_px: float = number(1.0, "px", 0.1, 10.0)
+    """How far a point may lie off the winning line while that is refined ..."""
+    inlier_px: float = number(0.7, "px", 0.1, 10.0)
+    """... and at the end."""
+    sigma_penalty: float = number(0.025, "", 0.0, 1.0)
+    """Share of its points that a line loses in the vote for each squared standard deviation that
+    an end is away from the prediction."""
+    rival_distance_px: float = number(3.0, "px", 1.0, 50.0)
+    """A second line so far from the winner ..."""
+    rival_share: float = number(0.85, "", 0.0, 1.0)
+    """... with this share of its votes makes it ambiguous."""
+    end_growth: float = number(0.3, "", 0.0, 1.0)
+    """How much of the way to its outermost points a line's end goes in a frame."""
 
 
 class TracksConfig(Section):
@@ -49,6 +81,10 @@ class TracksConfig(Section):
     """Largest deviation of a ruling predicted from the track alone."""
     motion_sigma_px: float = number(1.2, "px", 0.1, 50.0)
     """Deviation that the motion's uncertainty adds to a ruling predicted from the estimate."""
+    max_predicted_sigma_px: float = number(8.0, "px", 0.5, 50.0)
+    """Largest deviation of a ruling predicted from the estimate, to bound the search's time."""
+    nearest: float = number(0.05, "m", 1e-4, 10.0)
+    """A point of a line that is nearer to the image plane may be behind it: it is not predicted."""
     sigma_growth: float = number(1.5, "", 1.0, 10.0)
     """Factor by which a ruling's deviation grows with every frame that misses the line."""
     sigma_decay: float = number(0.7, "", 0.0, 1.0)

@@ -43,12 +43,39 @@ class Camera:
     ) -> None:
         """Take the fields of a `CameraModel`, in their order."""
 
-def gradient(image: NDArray[np.uint8], xy: NDArray[np.float32]) -> None:
-    """Write `gradient_by_opencv` of an image (height, width) into xy, (height, width, 2)."""
+class SearchSettings:
+    """Of `EdgesConfig`, and `BORDER_PX`."""
+
+    def __init__(
+        self,
+        station_distance_px: float,
+        most_stations: int,
+        fewest_points: int,
+        least_support: float,
+        least_extent: float,
+        least_slope: float,
+        least_slope_share: float,
+        stripe_px: int,
+        stripe_share: float,
+        vote_px: float,
+        inlier_px: float,
+        sigma_penalty: float,
+        rival_distance_px: float,
+        rival_share: float,
+        end_growth: float,
+        border_px: float,
+    ) -> None:
+        """Take these fields of an `EdgesConfig`."""
+
+def gradient(image: NDArray[np.uint8], xy: NDArray[np.float32], blur: float) -> None:
+    """Write `gradient_by_opencv` of an image (height, width) into xy, (height, width, 2); `blur` is
+    the blur's deviation, px.
+    """
 
 def search_all(
     gradient: NDArray[np.float32],
     camera: Camera,
+    settings: SearchSettings,
     ends: FloatArray,
     sigmas: FloatArray,
     slopes: FloatArray,
@@ -71,6 +98,8 @@ def predict_all(
     ends: FloatArray,
     sigmas: FloatArray,
     focal: float,
+    max_sigma: float,
+    nearest: float,
 ) -> tuple[FloatArray, FloatArray]:
     """`prediction.predict_in_numpy` of n lines; the poses are (4, 4).
 

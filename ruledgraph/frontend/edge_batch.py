@@ -11,13 +11,30 @@ from numpy.typing import NDArray
 
 from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.config import DEFAULTS, EdgesConfig
 from ruledgraph.frontend import kernel
 from ruledgraph.frontend.edge_search import EdgePoints, Ruling, search
-from ruledgraph.frontend.gradient import Gradient
+from ruledgraph.frontend.gradient import BORDER_PX, Gradient
 from ruledgraph_factors import GeometricPoints
 
-# How much of the way to its outermost points a line's end goes.
-_GROWTH = 0.3
+SEARCH_SETTINGS = (
+    "station_distance_px",
+    "most_stations",
+    "fewest_points",
+    "least_support",
+    "least_extent",
+    "least_slope",
+    "least_slope_share",
+    "stripe_px",
+    "stripe_share",
+    "vote_px",
+    "inlier_px",
+    "sigma_penalty",
+    "rival_distance_px",
+    "rival_share",
+    "end_growth",
+)
+"""Those of `EdgesConfig` that the native search takes."""
 # A segment that extends less than this along an axis runs along the other one; a smaller share of
 # one in view is none.
 _LEVEL, _LEAST_PART = 1e-12, 1e-6
@@ -86,9 +103,9 @@ class Edges(NamedTuple):
         return [self.points[a:b] for a, b in zip(starts, ends.tolist(), strict=True)]
 
 
-def moved_ends(ends: FloatArray, points: FloatArray) -> FloatArray:
+def moved_ends(ends: FloatArray, points: FloatArray, growth: float) -> FloatArray:
     """A segment's ends (2, 2) moved onto the line through points (N, 2), which come in order along
-    it, and towards the outermost ones.
+    it, and a share `growth` of the way towards the outermost ones.
     """
     middle = points.mean(axis=0)
     off = points - middle
@@ -99,11 +116,15 @@ def moved_ends(ends: FloatArray, points: FloatArray) -> FloatArray:
         direction = -direction
     predicted = (ends - middle) @ direction
     # One stray point does not stretch it: the second and the last but one.
-    along = predicted + _GROWTH * (off[[1, -2]] @ direction - predicted)
+    along = predicted + growth * (off[[1, -2]] @ direction - predicted)
     return np.asarray(middle + along[:, None] * direction)
 
 
-def stacked(rulings: Rulings, found: Sequence[EdgePoints | None]) -> Edges:
+def stacked(
+    rulings: Rulings,
+    found: Sequence[EdgePoints | None],
+    config: EdgesConfig = DEFAULTS.edges,
+) -> Edges:
     """What was found along rulings one by one."""
     n = len(found)
     edges = Edges(
@@ -120,7 +141,7 @@ def stacked(rulings: Rulings, found: Sequence[EdgePoints | None]) -> Edges:
     for i, edge in enumerate(found):
         if edge is not None:
             edges.counts[i], edges.lines[i] = len(edge.points), edge.line
-            edges.ends[i] = moved_ends(rulings.ends[i], edge.points)
+            edges.ends[i] = moved_ends(rulings.ends[i], edge.points, config.end_growth)
             edges.statistics[i] = GeometricPoints.from_frames([edge.points]).statistics[0]
             edges.support[i], edges.deviation[i] = edge.support, edge.deviation
             edges.slopes[i], edges.ambiguous[i] = edge.slope, edge.ambiguous
@@ -128,7 +149,11 @@ def stacked(rulings: Rulings, found: Sequence[EdgePoints | None]) -> Edges:
 
 
 def search_all(
-    gradient: Gradient, camera: CameraModel, rulings: Rulings, beyond: float = 0.0
+    gradient: Gradient,
+    camera: CameraModel,
+    rulings: Rulings,
+    beyond: float = 0.0,
+    config: EdgesConfig = DEFAULTS.edges,
 ) -> Edges:
     """`search` of every ruling, by the native kernel if there is one.
 
@@ -136,9 +161,10 @@ def search_all(
         FactorError: when the environment asks for a kernel that there is not.
     """
     if not kernel.is_native():
-        found = [search(gradient, camera, each, beyond) for each in rulings.one_by_one()]
-        return stacked(rulings, found)
-    edges = Edges(*kernel.native.search_all(gradient.xy, _native_camera(camera), *rulings, beyond))
+        found = [search(gradient, camera, each, beyond, config) for each in rulings.one_by_one()]
+        return stacked(rulings, found, config)
+    known = _native_camera(camera), _native_settings(config)
+    edges = Edges(*kernel.native.search_all(gradient.xy, *known, *rulings, beyond))
     return edges._replace(
         ends=edges.ends.reshape(-1, 2, 2), statistics=edges.statistics.reshape(-1, 3, 3)
     )
@@ -147,6 +173,12 @@ def search_all(
 @lru_cache(maxsize=8)
 def _native_camera(camera: CameraModel) -> "kernel.native.Camera":
     return kernel.native.Camera(**vars(camera))
+
+
+@lru_cache(maxsize=8)
+def _native_settings(config: EdgesConfig) -> "kernel.native.SearchSettings":
+    of_search = {name: getattr(config, name) for name in SEARCH_SETTINGS}
+    return kernel.native.SearchSettings(**of_search, border_px=BORDER_PX)
 
 
 def clipped(

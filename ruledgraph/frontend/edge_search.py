@@ -7,7 +7,7 @@ derivative across it is sampled; its local maxima of the right sign are candidat
 of all straight lines inside the band the one with most candidates wins. No picture is undistorted
 and nothing is compared with another frame: stations and points pass through the camera model.
 
-For all lines of a frame, and natively, see `batch`.
+For all lines of a frame, and natively, see `edge_batch.py`.
 """
 
 from typing import NamedTuple
@@ -17,30 +17,8 @@ from numpy.typing import NDArray
 
 from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.config import DEFAULTS, EdgesConfig
 from ruledgraph.frontend.gradient import Gradient
-
-FEWEST_POINTS = 8
-"""Fewer edge points are no line."""
-LEAST_SUPPORT = 0.35
-"""Share of the stations inside the image that must have a point."""
-# These and the following are repeated in the native kernel.
-# Distance between stations along the ruling, px, and the most stations.
-_SPACING = 3.0
-_MOST_STATIONS = 80
-# Smallest slope across an edge, grey levels per pixel, and how much weaker than the line usually
-# is a point may be.
-_LEAST_SLOPE = 1.5
-_LEAST_SHARE = 0.3
-# An edge with one of the other polarity so near (px) and so strong bounds a thin stripe. Blur
-# pushes the two apart, more the thinner the stripe: moving towards it would seem slower.
-_STRIPE = 5
-_STRIPE_SHARE = np.float32(0.4)
-# How far a point may lie off the winning line, px: while votes are counted, and at the end.
-_VOTE = 1.0
-_INLIER = 0.7
-# A second line this far from the winner, px, with this share of its votes, makes it ambiguous.
-_APART = 3.0
-_AMBIGUOUS = 0.85
 
 
 class Ruling(NamedTuple):
@@ -89,7 +67,11 @@ def fit_line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
 
 
 def search(
-    gradient: Gradient, camera: CameraModel, ruling: Ruling, beyond: float = 0.0
+    gradient: Gradient,
+    camera: CameraModel,
+    ruling: Ruling,
+    beyond: float = 0.0,
+    config: EdgesConfig = DEFAULTS.edges,
 ) -> EdgePoints | None:
     """Edge points of one line, None if there is no such line in the band.
 
@@ -98,18 +80,20 @@ def search(
         camera: its model.
         ruling: the prediction.
         beyond: how far past both ends to look, as a share of the segment's length.
+        config: of edge points.
     """
+    spacing, fewest, stripe = config.station_distance_px, config.fewest_points, config.stripe_px
     ends, normal = ruling.ends, normal_of(ruling.ends)
     border = camera.distort(ends)
     length = float(np.linalg.norm(border.pixels[1] - border.pixels[0]))
-    if not (_SPACING * FEWEST_POINTS < length < 4.0 * (camera.width + camera.height)):
+    if not (spacing * fewest < length < 4.0 * (camera.width + camera.height)):
         return None
-    count = int(min(length * (1.0 + 2.0 * beyond) / _SPACING, _MOST_STATIONS)) + 1
+    count = int(min(length * (1.0 + 2.0 * beyond) / spacing, config.most_stations)) + 1
     along = np.linspace(-beyond, 1.0 + beyond, count)
     stations = ends[0] + along[:, None] * (ends[1] - ends[0])
     distorted = camera.distort(stations)
     usable = gradient.inside(distorted.pixels)
-    if usable.sum() < FEWEST_POINTS:
+    if usable.sum() < fewest:
         return None
     along, stations = along[usable], stations[usable]
     pixels, J = distorted.pixels[usable], distorted.jacobian[usable]
@@ -122,21 +106,20 @@ def search(
     sigma = np.array(ruling.sigmas)
     half = int(np.ceil(3.0 * sigma.max())) + 1
     # Sampled further than maxima are looked for: a stripe's other edge may lie outside the band.
-    steps = np.arange(-half - 1 - _STRIPE, half + 2 + _STRIPE)
+    steps = np.arange(-half - 1 - stripe, half + 2 + stripe)
     at = pixels[:, None] + steps[:, None] * across[:, None]
     slopes = gradient.along(at, across[:, None]) * np.float32(np.sign(ruling.slope))
-    station, offset, height = _maxima(
-        slopes, steps, max(_LEAST_SLOPE, _LEAST_SHARE * abs(ruling.slope))
-    )
+    least = max(config.least_slope, config.least_slope_share * abs(ruling.slope))
+    station, offset, height = _maxima(slopes, steps, least, config)
     place = along[station]
     near = np.abs(offset) <= 3.0 * (sigma[0] + (sigma[1] - sigma[0]) * place) + 1.0
     station, offset, height, place = station[near], offset[near], height[near], place[near]
-    if len(station) < FEWEST_POINTS:
+    if len(station) < fewest:
         return None
 
-    line, ambiguous = _vote(place, offset, sigma)
-    chosen = _inliers(station, place, offset, line)
-    if len(chosen) < max(FEWEST_POINTS, LEAST_SUPPORT * len(along)):
+    line, ambiguous = _vote(place, offset, sigma, config)
+    chosen = _inliers(station, place, offset, line, config)
+    if len(chosen) < max(fewest, config.least_support * len(along)):
         return None
     station, offset, place = station[chosen], offset[chosen], place[chosen]
     found = camera.undistort(pixels[station] + offset[:, None] * across[station], stations[station])
@@ -155,23 +138,24 @@ def search(
 
 
 def _maxima(
-    slopes: NDArray[np.float32], steps: NDArray[np.int64], least: float
+    slopes: NDArray[np.float32], steps: NDArray[np.int64], least: float, config: EdgesConfig
 ) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
     """Station, offset (px) and height of the local maxima across the ruling, by a parabola."""
-    inner = slopes[:, _STRIPE:-_STRIPE]
+    stripe = config.stripe_px
+    inner = slopes[:, stripe : slopes.shape[1] - stripe]
     middle, left, right = inner[:, 1:-1], inner[:, :-2], inner[:, 2:]
-    around = np.lib.stride_tricks.sliding_window_view(slopes, 2 * _STRIPE + 1, axis=1)
-    single = around.min(axis=2)[:, 1:-1] >= -_STRIPE_SHARE * middle
+    around = np.lib.stride_tricks.sliding_window_view(slopes, 2 * stripe + 1, axis=1)
+    single = around.min(axis=2)[:, 1:-1] >= -np.float32(config.stripe_share) * middle
     station, column = np.nonzero((middle > least) & (middle >= left) & (middle > right) & single)
     m = middle[station, column].astype(np.float64)
     lft = left[station, column].astype(np.float64)
     rgt = right[station, column].astype(np.float64)
     shift = 0.5 * (lft - rgt) / (lft - 2.0 * m + rgt)
-    return station, steps[column + 1 + _STRIPE] + shift, m
+    return station, steps[column + 1 + stripe] + shift, m
 
 
 def _vote(
-    place: FloatArray, offset: FloatArray, sigma: FloatArray
+    place: FloatArray, offset: FloatArray, sigma: FloatArray, config: EdgesConfig
 ) -> tuple[tuple[float, float], bool]:
     """The line offset = a + b (2 place - 1) with most candidates near it, less a penalty for its
     distance from the prediction; and whether another comes close.
@@ -192,29 +176,33 @@ def _vote(
     a = np.arange(bins) - reach
     ends = np.stack([a - slopes[:, None], a + slopes[:, None]])
     away = np.sum((ends / np.maximum(sigma, 0.5)[:, None, None]) ** 2, axis=0)
-    # One sigma off at both ends costs as much as 5 % of the points.
-    score = smooth * np.clip(1.0 - 0.025 * away, 0.0, None)
+    score = smooth * np.clip(1.0 - config.sigma_penalty * away, 0.0, None)
     best = np.unravel_index(int(np.argmax(score)), score.shape)
     b0, a0 = float(slopes[best[0]]), float(a[best[1]])
     distance = np.maximum(np.abs(ends[0] - (a0 - b0)), np.abs(ends[1] - (a0 + b0)))
-    rival = float(score[distance > _APART].max(initial=0.0))
-    return (a0, b0), rival > _AMBIGUOUS * float(score[best])
+    rival = float(score[distance > config.rival_distance_px].max(initial=0.0))
+    return (a0, b0), rival > config.rival_share * float(score[best])
 
 
 def _inliers(
-    station: NDArray[np.int64], place: FloatArray, offset: FloatArray, line: tuple[float, float]
+    station: NDArray[np.int64],
+    place: FloatArray,
+    offset: FloatArray,
+    line: tuple[float, float],
+    config: EdgesConfig,
 ) -> NDArray[np.int64]:
     """Indices of the points on the line, one for each station, after refining it twice."""
     s = 2.0 * place - 1.0
     a, b = line
-    for tolerance in (_VOTE + 0.5, _VOTE, _INLIER):
+    # The vote counts in cells of 1 px.
+    for tolerance in (config.vote_px + 0.5, config.vote_px, config.inlier_px):
         residual = np.abs(offset - a - b * s)
         order = np.lexsort((residual, station))
         first = np.ones(len(order), dtype=bool)
         first[1:] = station[order][1:] != station[order][:-1]
         chosen = order[first]
         chosen = chosen[residual[chosen] < tolerance]
-        if len(chosen) < FEWEST_POINTS or np.ptp(s[chosen]) < 0.2:
+        if len(chosen) < config.fewest_points or np.ptp(s[chosen]) < 2.0 * config.least_extent:
             return chosen[:0]
         a, b = fit_line(s[chosen], offset[chosen])
     return np.asarray(chosen)

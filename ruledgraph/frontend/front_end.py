@@ -41,6 +41,7 @@ class FrontEnd:
     ) -> None:
         self.tracker = Tracker(camera, edges, tracks)
         self._focal = camera.focal_length
+        self._config = tracks
         self._timings = timings
         self._detection = Detection(self.tracker, DETECTORS[edges.detector])
         self._gradients = PrefetchCache[Gradient](_MOST_GRADIENTS)
@@ -78,7 +79,8 @@ class FrontEnd:
         if predicted is None:
             return []
         with self._timings.measured("search"):
-            rulings = predict(self.tracker.tracks, predicted.lines, predicted.motion, self._focal)
+            lines, motion = predicted.lines, predicted.motion
+            rulings = predict(self.tracker.tracks, lines, motion, self._focal, self._config)
             found = self.tracker.follow(frame.stamp, time, gradient, rulings)
         return [track.number for track in found]
 

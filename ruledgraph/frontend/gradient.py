@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.frontend import kernel
 
-# Pixels next to the border see the border's padding instead of the scene.
-_BORDER = 3.0
+BORDER_PX = 3.0
+"""Pixels so near the border see the border's padding instead of the scene."""
 # Deviation of the blur before differentiation, px: takes out pixel noise, keeps edges apart that
-# are four pixels or more from one another; and its width.
+# are four pixels or more from one another. Its width: the native kernel is written out for it.
 _BLUR, _WIDTH = 1.0, 9
 # Scharr's derivative is 32 times the grey levels per pixel.
 _SCALE = 1.0 / 32.0
@@ -32,7 +32,7 @@ def _gradient(image: NDArray[np.uint8]) -> NDArray[np.float32]:
     if not kernel.is_native():
         return gradient_by_opencv(image)
     xy = np.empty((*image.shape, 2), np.float32)
-    kernel.native.gradient(image, xy)
+    kernel.native.gradient(image, xy, _BLUR)
     return xy
 
 
@@ -48,15 +48,15 @@ class Gradient:
 
     def inside(self, pixels: FloatArray) -> NDArray[np.bool_]:
         """Which pixels (..., 2) can be sampled."""
-        limit = np.array([self.width, self.height]) - 1.0 - _BORDER
-        return np.asarray(np.all((pixels >= _BORDER) & (pixels <= limit), axis=-1))
+        limit = np.array([self.width, self.height]) - 1.0 - BORDER_PX
+        return np.asarray(np.all((pixels >= BORDER_PX) & (pixels <= limit), axis=-1))
 
     def along(self, pixels: FloatArray, directions: FloatArray) -> NDArray[np.float32]:
         """Derivative at `pixels` (..., 2) along unit `directions` (..., 2), by bilinear
         interpolation; outside the image 0.
         """
         usable = self.inside(pixels)
-        at = np.where(usable[..., None], pixels, _BORDER)
+        at = np.where(usable[..., None], pixels, BORDER_PX)
         whole = at.astype(np.int64)
         share = (at - whole).astype(np.float32)
         xy, index = self.xy.reshape(-1, 2), whole[..., 1] * self.width + whole[..., 0]

@@ -12,6 +12,7 @@ import gtsam
 import numpy as np
 
 from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.config import DEFAULTS, TracksConfig
 from ruledgraph.core.line_observations import LinePrediction
 from ruledgraph.frontend import kernel
 from ruledgraph.frontend.edge_batch import Rulings
@@ -19,10 +20,6 @@ from ruledgraph.frontend.edge_search import normal_of
 from ruledgraph.frontend.track import Track
 from ruledgraph_factors.so3 import hat
 
-# The most that a predicted ruling's deviation may be, px: the search's time grows with it.
-_MOST_SIGMA = 8.0
-# Below this depth a point is too close to the camera to be told from one behind it, m.
-_NEAREST = 0.05
 # The image of a line whose moment is shorter passes through everything: it goes through the camera.
 _THROUGH_CENTRE = 1e-9
 # A shorter direction is that of a line at infinity; the square of the sine of a line's angle with a
@@ -42,7 +39,11 @@ class CameraMotion(NamedTuple):
 
 
 def predict(
-    tracks: Sequence[Track], lines: Mapping[int, LinePrediction], motion: CameraMotion, focal: float
+    tracks: Sequence[Track],
+    lines: Mapping[int, LinePrediction],
+    motion: CameraMotion,
+    focal: float,
+    config: TracksConfig = DEFAULTS.tracks,
 ) -> Rulings:
     """Rulings of all tracks: by their line, if there is one in `lines`, else by the rotation.
 
@@ -53,7 +54,7 @@ def predict(
     own = [tracks[i] for i in at]
     known = [lines[track.number] for track in own]
     poses = motion.world_T_before, motion.world_T_cam
-    estimated = by_estimate(own, known, *poses, rulings.part(at), focal)
+    estimated = by_estimate(own, known, *poses, rulings.part(at), focal, config)
     rulings.ends[at], rulings.sigmas[at] = estimated.ends, estimated.sigmas
     return rulings
 
@@ -90,6 +91,7 @@ def by_estimate(
     world_T_cam: gtsam.Pose3,
     otherwise: Rulings,
     focal: float,
+    config: TracksConfig = DEFAULTS.tracks,
 ) -> Rulings:
     """Where lines appear: m_c = R^T (m - p x v), with the spread their covariance gives.
 
@@ -101,6 +103,7 @@ def by_estimate(
         otherwise: the prediction for each without its depth: for ends that the line does not fix,
             and for a line through the camera's centre.
         focal: focal length, px.
+        config: of tracks.
     """
     if not lines:
         return otherwise
@@ -113,7 +116,8 @@ def by_estimate(
     )
     poses = world_T_before.matrix(), world_T_cam.matrix()
     place = kernel.native.predict_all if kernel.is_native() else predict_in_numpy
-    ends, sigmas = place(*known, *poses, otherwise.ends, otherwise.sigmas, focal)
+    limits = config.max_predicted_sigma_px, config.nearest
+    ends, sigmas = place(*known, *poses, otherwise.ends, otherwise.sigmas, focal, *limits)
     return Rulings(ends.reshape(-1, 2, 2), sigmas, otherwise.slopes)
 
 
@@ -148,6 +152,8 @@ def predict_in_numpy(
     ends: FloatArray,
     sigmas: FloatArray,
     focal: float,
+    max_sigma: float,
+    nearest: float,
 ) -> tuple[FloatArray, FloatArray]:
     """The reference of `_native_frame.predict_all`."""
     moment, direction = plucker[:, :3], plucker[:, 3:]
@@ -157,7 +163,7 @@ def predict_in_numpy(
     size = np.hypot(m[:, 0], m[:, 1])[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         in_cam = (_ends_in_space(seen, moment, direction, world_T_before) - p) @ R
-        ahead = in_cam[..., 2:] > _NEAREST
+        ahead = in_cam[..., 2:] > nearest
         found = np.where(ahead, in_cam[..., :2] / in_cam[..., 2:], ends)
         # Onto the ruling.
         off = np.einsum("nei,ni->ne", _rays(found), m)
@@ -168,7 +174,7 @@ def predict_in_numpy(
         spread = np.hypot(focal * np.sqrt(np.maximum(variance, 0.0)), floors[:, None])
     apart = size >= _THROUGH_CENTRE
     found = np.where(apart[..., None], found, ends)
-    return found, np.where(apart, np.minimum(spread, _MOST_SIGMA), sigmas)
+    return found, np.where(apart, np.minimum(spread, max_sigma), sigmas)
 
 
 def _ends_in_space(

@@ -13,13 +13,8 @@ from numpy.typing import NDArray
 
 from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.frontend.edge_search import (
-    FEWEST_POINTS,
-    LEAST_SUPPORT,
-    EdgePoints,
-    Ruling,
-    fit_line,
-)
+from ruledgraph.core.config import DEFAULTS, EdgesConfig
+from ruledgraph.frontend.edge_search import EdgePoints, Ruling, fit_line
 
 # Of the 3x3 Sobel kernel, whose slope is eight times the grey levels per pixel.
 _THRESHOLD = 25.0
@@ -35,19 +30,23 @@ def sobel_points(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def search_sobel(
-    edges: NDArray[np.bool_], camera: CameraModel, ruling: Ruling, gate: float
+    edges: NDArray[np.bool_],
+    camera: CameraModel,
+    ruling: Ruling,
+    config: EdgesConfig = DEFAULTS.edges,
 ) -> EdgePoints | None:
-    """The points within `gate` px of a ruling, None if there are too few.
+    """The points near a ruling, None if there are too few.
 
     Args:
         edges: of the image, see `sobel_points`.
         camera: its model.
         ruling: the prediction; its uncertainty and polarity are not used.
-        gate: tau, px.
+        config: tau (`gate`), and how many points are a line.
     """
+    gate, fewest = config.gate, config.fewest_points
     along_px = camera.distort(ruling.ends).pixels
     length = float(np.linalg.norm(along_px[1] - along_px[0]))
-    if not (FEWEST_POINTS <= length < 4.0 * (camera.width + camera.height)):
+    if not (fewest <= length < 4.0 * (camera.width + camera.height)):
         return None
     places = np.linspace(0.0, 1.0, int(length / _SPACING) + 1)
     stations = ruling.ends[0] + places[:, None] * (ruling.ends[1] - ruling.ends[0])
@@ -73,7 +72,7 @@ def search_sobel(
     pixels, station, offsets = pixels[order], station[order], offsets[order]
     seen, middles = _mean_by_station(station, offsets)
     support = len(seen) / len(places)
-    if len(seen) < FEWEST_POINTS or support < LEAST_SUPPORT:
+    if len(seen) < fewest or support < config.least_support:
         return None
     points = camera.undistort(pixels.astype(np.float64), stations[station])
     if not np.isfinite(points).all():

@@ -50,7 +50,8 @@ class TrackStarter:
             The tracks and the edge points of each.
         """
         own = Segments.of(tracks)
-        edges = search_all(gradient, self._camera, self._candidates(segments, gradient, own))
+        candidates = self._candidates(segments, gradient, own)
+        edges = search_all(gradient, self._camera, candidates, config=self._edges)
         # Seen well enough to be followed.
         full = (
             (edges.counts > 0)

@@ -73,11 +73,11 @@ class Tracker:
 
     def _search(self, gradient: Gradient, rulings: Rulings) -> Edges:
         if self._edges.points == "sobel":
-            edges, gate = sobel_points(gradient.image), self._edges.gate
-            found = [search_sobel(edges, self._camera, each, gate) for each in rulings.one_by_one()]
-            return stacked(rulings, found)
+            edges, each = sobel_points(gradient.image), rulings.one_by_one()
+            found = [search_sobel(edges, self._camera, ruling, self._edges) for ruling in each]
+            return stacked(rulings, found, self._edges)
         beyond = self._config.search_beyond if self._edges.bounded else _UNBOUNDED
-        return search_all(gradient, self._camera, rulings, beyond)
+        return search_all(gradient, self._camera, rulings, beyond, self._edges)
 
     def _sight(self, stamp: int, tracks: Sequence[Track], edges: Edges) -> None:
         # As `GeometricPoints.from_frames` caps what a frame counts for.

@@ -20,15 +20,15 @@
 
 namespace ruledgraph {
 
-constexpr double kSpacing = 3.0;
-constexpr int kMostStations = 80, kFewestPoints = 8;
-constexpr double kLeastSlope = 1.5, kLeastShare = 0.3;
-constexpr int kStripe = 5;
-constexpr float kStripeShare = 0.4F;
-constexpr double kVote = 1.0, kInlier = 0.7;
-constexpr double kApart = 3.0, kAmbiguous = 0.85;
-constexpr double kLeastSupport = 0.35;
-constexpr double kGrowth = 0.3;
+/// Of `EdgesConfig` in Python, which says what they mean and where their values come from.
+struct SearchSettings {
+  double station_distance_px;
+  int most_stations, fewest_points;
+  double least_support, least_extent, least_slope, least_slope_share;
+  int stripe_px;
+  double stripe_share, vote_px, inlier_px, sigma_penalty, rival_distance_px, rival_share,
+      end_growth;
+};
 
 /// A predicted segment: ends, normalised; deviation across it at both, px; usual signed slope.
 struct Ruling {
@@ -95,17 +95,18 @@ StraightLine fit_line(const std::vector<Candidate>& candidates, X x, Y y) {
 
 /// The stations inside the image, none where the ruling has too few or no sensible length.
 inline std::vector<Station> stations(const GradientView& gradient, const Camera& camera,
-                                     const Ruling& ruling, double beyond) {
+                                     const Ruling& ruling, double beyond,
+                                     const SearchSettings& settings) {
   const Point segment = ruling.second - ruling.first;
   const double length =
       norm(camera.distort(ruling.second).pixel - camera.distort(ruling.first).pixel);
-  if (!(kSpacing * kFewestPoints < length && length < 4.0 * (camera.width + camera.height))) {
-    return {};
-  }
+  const double shortest = settings.station_distance_px * settings.fewest_points;
+  if (!(shortest < length && length < 4.0 * (camera.width + camera.height))) return {};
   const double extent = std::max(std::hypot(segment.x, segment.y), 1e-12);
   const Point normal{-segment.y / extent, segment.x / extent};
-  const int last = static_cast<int>(
-      std::min(length * (1.0 + 2.0 * beyond) / kSpacing, static_cast<double>(kMostStations)));
+  const int last =
+      static_cast<int>(std::min(length * (1.0 + 2.0 * beyond) / settings.station_distance_px,
+                                static_cast<double>(settings.most_stations)));
   const double step = (1.0 + beyond + beyond) / last;
   std::vector<Station> found;
   for (int i = 0; i <= last; ++i) {
@@ -122,18 +123,21 @@ inline std::vector<Station> stations(const GradientView& gradient, const Camera&
     if (across.x * turned.x + across.y * turned.y < 0.0) across = -1.0 * across;
     found.push_back({along, normalised, distorted.pixel, across});
   }
-  if (found.size() < kFewestPoints) found.clear();
+  if (static_cast<int>(found.size()) < settings.fewest_points) found.clear();
   return found;
 }
 
 /// Local maxima of the slope across the ruling within the band, by a parabola; in order of station.
 inline std::vector<Candidate> maxima(const GradientView& gradient, const Ruling& ruling,
-                                     const std::vector<Station>& stations) {
+                                     const std::vector<Station>& stations,
+                                     const SearchSettings& settings) {
   const double sigma_first = ruling.sigma_first, sigma_second = ruling.sigma_second;
   const int half = static_cast<int>(std::ceil(3.0 * std::max(sigma_first, sigma_second))) + 1;
   const auto sign = static_cast<float>((ruling.slope > 0.0) - (ruling.slope < 0.0));
-  const auto least =
-      static_cast<float>(std::max(kLeastSlope, kLeastShare * std::abs(ruling.slope)));
+  const auto least = static_cast<float>(
+      std::max(settings.least_slope, settings.least_slope_share * std::abs(ruling.slope)));
+  const int stripe = settings.stripe_px;
+  const auto stripe_share = static_cast<float>(settings.stripe_share);
   const int reach = half + 1;
   std::vector<float> slopes(static_cast<std::size_t>(2 * reach + 1));
   std::vector<Candidate> found;
@@ -155,11 +159,11 @@ inline std::vector<Candidate> maxima(const GradientView& gradient, const Ruling&
       if (!(at[0] > least && at[0] >= at[-1] && at[0] > at[1])) continue;
       // A stripe's other edge may lie outside the band.
       float lowest = at[0];
-      for (int near = step - kStripe; near <= step + kStripe; ++near) {
+      for (int near = step - stripe; near <= step + stripe; ++near) {
         const bool sampled = std::abs(near) <= reach;
         lowest = std::min(lowest, sampled ? at[near - step] : slope(near));
       }
-      if (lowest < -kStripeShare * at[0]) continue;
+      if (lowest < -stripe_share * at[0]) continue;
       const double middle = at[0], left = at[-1], right = at[1];
       const double offset = step + 0.5 * (left - right) / (left - 2.0 * middle + right);
       const double sigma = sigma_first + (sigma_second - sigma_first) * station.along;
@@ -174,7 +178,7 @@ inline std::vector<Candidate> maxima(const GradientView& gradient, const Ruling&
 /// The line offset = a + b (2 place - 1) with most candidates near it, less a penalty for its
 /// distance from the prediction; and whether another comes close.
 inline std::pair<StraightLine, bool> vote(const std::vector<Candidate>& candidates,
-                                          const Ruling& ruling) {
+                                          const Ruling& ruling, const SearchSettings& settings) {
   const double tilt = 3.0 * std::max(ruling.sigma_first, ruling.sigma_second);
   double furthest = 0.0;
   for (const Candidate& c : candidates) furthest = std::max(furthest, std::abs(c.offset));
@@ -198,9 +202,8 @@ inline std::pair<StraightLine, bool> vote(const std::vector<Candidate>& candidat
       const double smooth = middle[i] + 0.5 * middle[i - 1] + 0.5 * middle[i + 1];
       const int a = i - reach;
       const double at_first = (a - b) / first, at_second = (a + b) / second;
-      // One sigma off at both ends costs as much as 5 % of the points.
       const double away = at_first * at_first + at_second * at_second;
-      own[i] = smooth * std::max(1.0 - 0.025 * away, 0.0);
+      own[i] = smooth * std::max(1.0 - settings.sigma_penalty * away, 0.0);
     }
   }
   const auto best = std::max_element(score.begin(), score.end());
@@ -211,16 +214,18 @@ inline std::pair<StraightLine, bool> vote(const std::vector<Candidate>& candidat
   for (int b = -steepest; b <= steepest; ++b) {
     for (int a = -reach; a <= reach; ++a, ++next) {
       const int distance = std::max(std::abs(a - b - a0 + b0), std::abs(a + b - a0 - b0));
-      if (distance > kApart) rival = std::max(rival, *next);
+      if (distance > settings.rival_distance_px) rival = std::max(rival, *next);
     }
   }
-  return {{static_cast<double>(a0), static_cast<double>(b0)}, rival > kAmbiguous * *best};
+  return {{static_cast<double>(a0), static_cast<double>(b0)}, rival > settings.rival_share * *best};
 }
 
 /// The points on the line, one for each station, after refining it twice.
-inline std::vector<Candidate> inliers(const std::vector<Candidate>& candidates, StraightLine line) {
+inline std::vector<Candidate> inliers(const std::vector<Candidate>& candidates, StraightLine line,
+                                      const SearchSettings& settings) {
   std::vector<Candidate> chosen;
-  for (const double tolerance : {kVote + 0.5, kVote, kInlier}) {
+  // The vote counts in cells of 1 px.
+  for (const double tolerance : {settings.vote_px + 0.5, settings.vote_px, settings.inlier_px}) {
     chosen.clear();
     for (std::size_t i = 0; i < candidates.size();) {
       const std::size_t station = candidates[i].station;
@@ -236,7 +241,10 @@ inline std::vector<Candidate> inliers(const std::vector<Candidate>& candidates, 
       }
       if (best < candidates.size()) chosen.push_back(candidates[best]);
     }
-    if (chosen.size() < kFewestPoints || chosen.back().s() - chosen.front().s() < 0.2) return {};
+    if (static_cast<int>(chosen.size()) < settings.fewest_points ||
+        chosen.back().s() - chosen.front().s() < 2.0 * settings.least_extent) {
+      return {};
+    }
     line = fit_line(
         chosen, [](const Candidate& c) { return c.s(); },
         [](const Candidate& c) { return c.offset; });
@@ -248,7 +256,8 @@ inline double dot(Point a, Point b) { return a.x * b.x + a.y * b.y; }
 
 /// The ruling's ends moved onto the line through the points, and towards the outermost ones; as
 /// `moved_ends` in Python.
-inline std::pair<Point, Point> moved_ends(const Ruling& ruling, const std::vector<Point>& points) {
+inline std::pair<Point, Point> moved_ends(const Ruling& ruling, const std::vector<Point>& points,
+                                          double growth) {
   const auto count = static_cast<double>(points.size());
   Point middle{0.0, 0.0};
   for (const Point& point : points) middle = middle + point;
@@ -265,7 +274,7 @@ inline std::pair<Point, Point> moved_ends(const Ruling& ruling, const std::vecto
   if (dot(direction, ruling.second - ruling.first) < 0.0) direction = -1.0 * direction;
   const auto moved = [&](Point end, Point outer) {
     const double predicted = dot(end - middle, direction);
-    const double along = predicted + kGrowth * (dot(outer - middle, direction) - predicted);
+    const double along = predicted + growth * (dot(outer - middle, direction) - predicted);
     return middle + along * direction;
   };
   // One stray point does not stretch it: the second and the last but one.
@@ -283,17 +292,21 @@ inline double median(std::vector<double> values) {
 /// Edge points of one line, none if there is no such line in the band. It is looked for `beyond`
 /// past both ends, a share of the segment's length. The ruling's sigmas must be finite.
 inline std::optional<EdgePoints> search(const GradientView& gradient, const Camera& camera,
-                                        const Ruling& ruling, double beyond) {
+                                        const Ruling& ruling, double beyond,
+                                        const SearchSettings& settings) {
   using namespace edge_search;
-  const std::vector<Station> stations = edge_search::stations(gradient, camera, ruling, beyond);
+  const std::vector<Station> stations =
+      edge_search::stations(gradient, camera, ruling, beyond, settings);
   if (stations.empty()) return std::nullopt;
-  const std::vector<Candidate> candidates = maxima(gradient, ruling, stations);
-  if (candidates.size() < kFewestPoints) return std::nullopt;
-  const auto [winner, ambiguous] = vote(candidates, ruling);
-  const std::vector<Candidate> chosen = inliers(candidates, winner);
+  const std::vector<Candidate> candidates = maxima(gradient, ruling, stations, settings);
+  if (static_cast<int>(candidates.size()) < settings.fewest_points) return std::nullopt;
+  const auto [winner, ambiguous] = vote(candidates, ruling, settings);
+  const std::vector<Candidate> chosen = inliers(candidates, winner, settings);
   const auto looked_at = static_cast<double>(stations.size());
   const auto count = static_cast<double>(chosen.size());
-  if (count < std::max<double>(kFewestPoints, kLeastSupport * looked_at)) return std::nullopt;
+  if (count < std::max<double>(settings.fewest_points, settings.least_support * looked_at)) {
+    return std::nullopt;
+  }
 
   EdgePoints found;
   std::vector<Point> pixels, near;
@@ -308,7 +321,7 @@ inline std::optional<EdgePoints> search(const GradientView& gradient, const Came
   for (const Point& point : found.points) {
     if (!std::isfinite(point.x) || !std::isfinite(point.y)) return std::nullopt;
   }
-  std::tie(found.first, found.second) = moved_ends(ruling, found.points);
+  std::tie(found.first, found.second) = moved_ends(ruling, found.points, settings.end_growth);
   found.line = fit_line(
       chosen, [](const Candidate& c) { return c.place; },
       [](const Candidate& c) { return c.offset; });

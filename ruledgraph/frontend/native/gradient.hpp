@@ -18,11 +18,10 @@
 
 namespace ruledgraph {
 
+/// The loops are written out for it.
 constexpr int kBlurReach = 4;
-constexpr double kBlurDeviation = 1.0;
 /// Scharr's derivative is 32 times the grey levels per pixel.
 constexpr float kScharr = 1.0F / 32.0F;
-constexpr double kBorder = 3.0;
 
 namespace detail {
 
@@ -34,11 +33,11 @@ inline int mirrored(int i, int size) {
 }
 
 /// The middle weight of the Gaussian and those to either side of it.
-inline std::array<float, kBlurReach + 1> blur_weights() {
+inline std::array<float, kBlurReach + 1> blur_weights(double deviation) {
   std::array<double, kBlurReach + 1> exact{};
   double sum = 0.0;
   for (int i = 0; i <= kBlurReach; ++i) {
-    exact[i] = std::exp(-0.5 * i * i / (kBlurDeviation * kBlurDeviation));
+    exact[i] = std::exp(-0.5 * i * i / (deviation * deviation));
     sum += (i == 0 ? 1.0 : 2.0) * exact[i];
   }
   std::array<float, kBlurReach + 1> weights{};
@@ -48,12 +47,13 @@ inline std::array<float, kBlurReach + 1> blur_weights() {
 
 }  // namespace detail
 
-/// Write d/dx and d/dy of the blurred image, side by side, (height, width, 2), grey levels per px.
-inline void gradient(const std::uint8_t* image, int width, int height, float* xy) {
+/// Write d/dx and d/dy of the blurred image, side by side, (height, width, 2), grey levels per px;
+/// `blur` is the deviation of the blur, px.
+inline void gradient(const std::uint8_t* image, int width, int height, double blur, float* xy) {
   using detail::mirrored;
   if (width <= 0 || height <= 0) return;
   constexpr int kRows = 2 * kBlurReach + 1;
-  const auto k = detail::blur_weights();
+  const auto k = detail::blur_weights(blur);
   const auto columns = static_cast<std::size_t>(width);
   std::vector<float> grey(columns + 2 * kBlurReach);
   // Rows blurred along x, each at its number modulo kRows; rows blurred both ways, modulo 3, with
@@ -121,10 +121,11 @@ inline void gradient(const std::uint8_t* image, int width, int height, float* xy
 struct GradientView {
   const float* xy;
   int width, height;
+  double border;  ///< pixels so near the border are not used
 
   bool inside(Point pixel) const {
-    return pixel.x >= kBorder && pixel.y >= kBorder && pixel.x <= width - 1.0 - kBorder &&
-           pixel.y <= height - 1.0 - kBorder;
+    return pixel.x >= border && pixel.y >= border && pixel.x <= width - 1.0 - border &&
+           pixel.y <= height - 1.0 - border;
   }
 
   /// Derivative along a unit direction by bilinear interpolation; outside the image 0.

@@ -75,23 +75,44 @@ Eigen::Map<const PointRows> in_rows(const std::vector<Point>& points) {
 /// Whether a deviation leaves a band that can be searched, px.
 bool is_width(double sigma) { return sigma >= 0.0 && sigma <= 1000.0; }
 
+/// With the distance from the border that makes a pixel usable.
+struct NativeSettings {
+  SearchSettings search;
+  double border_px;
+};
+
+NativeSettings make_settings(double station_distance_px, int most_stations, int fewest_points,
+                             double least_support, double least_extent, double least_slope,
+                             double least_slope_share, int stripe_px, double stripe_share,
+                             double vote_px, double inlier_px, double sigma_penalty,
+                             double rival_distance_px, double rival_share, double end_growth,
+                             double border_px) {
+  require(fewest_points >= 3 && station_distance_px > 0.0 && stripe_px >= 0 && border_px >= 1.0,
+          "settings of the search are out of range");
+  return {{station_distance_px, most_stations, fewest_points, least_support, least_extent,
+           least_slope, least_slope_share, stripe_px, stripe_share, vote_px, inlier_px,
+           sigma_penalty, rival_distance_px, rival_share, end_growth},
+          border_px};
+}
+
 void write_gradient(Rows<std::uint8_t, -1, -1> image,
-                    nb::ndarray<float, nb::shape<-1, -1, 2>, nb::c_contig, nb::device::cpu> xy) {
+                    nb::ndarray<float, nb::shape<-1, -1, 2>, nb::c_contig, nb::device::cpu> xy,
+                    double blur) {
   require(xy.shape(0) == image.shape(0) && xy.shape(1) == image.shape(1),
           "image and xy differ in size");
   const nb::gil_scoped_release release;
   ruledgraph::gradient(image.data(), static_cast<int>(image.shape(1)),
-                       static_cast<int>(image.shape(0)), xy.data());
+                       static_cast<int>(image.shape(0)), blur, xy.data());
 }
 
 nb::tuple search_all(Rows<float, -1, -1, 2> gradient, const Camera& camera,
-                     Rows<double, -1, 2, 2> ends, Rows<double, -1, 2> sigmas,
-                     Rows<double, -1> slopes, double beyond) {
+                     const NativeSettings& settings, Rows<double, -1, 2, 2> ends,
+                     Rows<double, -1, 2> sigmas, Rows<double, -1> slopes, double beyond) {
   const std::size_t count = ends.shape(0);
   require(sigmas.shape(0) == count && slopes.shape(0) == count,
           "ends, sigmas and slopes differ in length");
   const GradientView view{gradient.data(), static_cast<int>(gradient.shape(1)),
-                          static_cast<int>(gradient.shape(0))};
+                          static_cast<int>(gradient.shape(0)), settings.border_px};
   const auto rows = static_cast<Index>(count);
   std::vector<Point> points;
   Counts counts = Counts::Zero(rows);
@@ -109,7 +130,7 @@ nb::tuple search_all(Rows<float, -1, -1, 2> gradient, const Camera& camera,
       require(is_width(sigma[0]) && is_width(sigma[1]), "a sigma is not from 0 to 1000 px");
       const std::optional<EdgePoints> found = search(
           view, camera, {{end[0], end[1]}, {end[2], end[3]}, sigma[0], sigma[1], slopes.data()[i]},
-          beyond);
+          beyond, settings.search);
       if (!found) continue;
       points.insert(points.end(), found->points.begin(), found->points.end());
       counts[i] = static_cast<Index>(found->points.size());
@@ -136,7 +157,7 @@ nb::tuple predict_all(Rows<double, -1, 6> plucker, Rows<double, -1, 6, 4> by_del
                       Rows<double, -1, 4, 4> covariances, Rows<double, -1, 2, 2> seen,
                       Rows<double, -1> floors, const Eigen::Matrix4d& world_T_before,
                       const Eigen::Matrix4d& world_T_cam, Rows<double, -1, 2, 2> ends,
-                      Rows<double, -1, 2> sigmas, double focal) {
+                      Rows<double, -1, 2> sigmas, double focal, double max_sigma, double nearest) {
   const std::size_t count = plucker.shape(0);
   require(by_delta.shape(0) == count && covariances.shape(0) == count && seen.shape(0) == count &&
               floors.shape(0) == count && ends.shape(0) == count && sigmas.shape(0) == count,
@@ -156,7 +177,7 @@ nb::tuple predict_all(Rows<double, -1, 6> plucker, Rows<double, -1, 6, 4> by_del
                              floors.data()[i]};
     const Predicted otherwise{Eigen::Map<const RowMajor<2, 2>>(ends.data() + 4 * i),
                               Eigen::Map<const Eigen::Vector2d>(sigmas.data() + 2 * i)};
-    const Predicted found = predict(line, before, now, otherwise, focal);
+    const Predicted found = predict(line, before, now, otherwise, focal, {max_sigma, nearest});
     const auto row = static_cast<Index>(i);
     found_ends.row(row) << found.ends.row(0), found.ends.row(1);
     found_sigmas.row(row) = found.sigmas.transpose();
@@ -199,12 +220,21 @@ NB_MODULE(_native_frame, module) {
       .def(nb::new_(&make_camera), nb::arg("width"), nb::arg("height"), nb::arg("fx"),
            nb::arg("fy"), nb::arg("cx"), nb::arg("cy"), nb::arg("distortion"),
            nb::arg("coefficients"));
-  module.def("gradient", &write_gradient, nb::arg("image"), nb::arg("xy").noconvert());
-  module.def("search_all", &search_all, nb::arg("gradient"), nb::arg("camera"), nb::arg("ends"),
-             nb::arg("sigmas"), nb::arg("slopes"), nb::arg("beyond"));
+  nb::class_<NativeSettings>(module, "SearchSettings")
+      .def(nb::new_(&make_settings), nb::arg("station_distance_px"), nb::arg("most_stations"),
+           nb::arg("fewest_points"), nb::arg("least_support"), nb::arg("least_extent"),
+           nb::arg("least_slope"), nb::arg("least_slope_share"), nb::arg("stripe_px"),
+           nb::arg("stripe_share"), nb::arg("vote_px"), nb::arg("inlier_px"),
+           nb::arg("sigma_penalty"), nb::arg("rival_distance_px"), nb::arg("rival_share"),
+           nb::arg("end_growth"), nb::arg("border_px"));
+  module.def("gradient", &write_gradient, nb::arg("image"), nb::arg("xy").noconvert(),
+             nb::arg("blur"));
+  module.def("search_all", &search_all, nb::arg("gradient"), nb::arg("camera"), nb::arg("settings"),
+             nb::arg("ends"), nb::arg("sigmas"), nb::arg("slopes"), nb::arg("beyond"));
   module.def("predict_all", &predict_all, nb::arg("plucker"), nb::arg("by_delta"),
              nb::arg("covariances"), nb::arg("seen"), nb::arg("floors"), nb::arg("world_T_before"),
-             nb::arg("world_T_cam"), nb::arg("ends"), nb::arg("sigmas"), nb::arg("focal"));
+             nb::arg("world_T_cam"), nb::arg("ends"), nb::arg("sigmas"), nb::arg("focal"),
+             nb::arg("max_sigma"), nb::arg("nearest"));
   module.def("turn_all", &turn_all, nb::arg("ends"), nb::arg("cam_R_before"), nb::arg("moved"));
   module.def("clip_all", &clip_all, nb::arg("ends"), nb::arg("low"), nb::arg("high"));
 }

@@ -17,8 +17,6 @@
 
 namespace ruledgraph {
 
-constexpr double kMostSigma = 8.0;
-constexpr double kNearest = 0.05;
 constexpr double kThroughCentre = 1e-9;
 constexpr double kAtInfinity = 1e-6;
 constexpr double kAlongRay = 1e-4;
@@ -64,9 +62,14 @@ inline Vector3 closest_to_ray(const UncertainLine& line, const CameraPose& camer
   return foot + along / (sine2 < kAlongRay ? kNan : sine2) * unit;
 }
 
+/// Of `TracksConfig` in Python, which says what they mean and where their values come from.
+struct PredictionLimits {
+  double max_sigma, nearest;
+};
+
 /// By a line's estimate; `otherwise` is what is known without its depth.
 inline Predicted predict(const UncertainLine& line, const CameraPose& before, const CameraPose& now,
-                         const Predicted& otherwise, double focal) {
+                         const Predicted& otherwise, double focal, PredictionLimits limits) {
   const Matrix3 cam_R_world = now.rotation.transpose();
   const Vector3 m = cam_R_world * (line.moment - now.position.cross(line.direction));
   const double size = std::hypot(m.x(), m.y());
@@ -78,7 +81,7 @@ inline Predicted predict(const UncertainLine& line, const CameraPose& before, co
     Eigen::RowVector2d end = otherwise.ends.row(i);
     const Vector3 in_cam =
         cam_R_world * (closest_to_ray(line, before, line.seen.row(i)) - now.position);
-    if (in_cam.z() > kNearest) end << in_cam.x() / in_cam.z(), in_cam.y() / in_cam.z();
+    if (in_cam.z() > limits.nearest) end << in_cam.x() / in_cam.z(), in_cam.y() / in_cam.z();
     // Onto the ruling.
     end -= Vector3(end.x(), end.y(), 1.0).dot(m) / (size * size) * m.head<2>().transpose();
     const Eigen::RowVector4d gradient =
@@ -86,7 +89,7 @@ inline Predicted predict(const UncertainLine& line, const CameraPose& before, co
     const double variance = (gradient * line.covariance).dot(gradient);
     const double sigma = std::hypot(focal * std::sqrt(std::max(variance, 0.0)), line.floor);
     found.ends.row(i) = end;
-    found.sigmas[i] = std::min(sigma, kMostSigma);
+    found.sigmas[i] = std::min(sigma, limits.max_sigma);
   }
   return found;
 }

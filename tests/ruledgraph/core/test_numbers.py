@@ -11,43 +11,24 @@ from ruledgraph.core.config import Config
 ROOT = Path(ruledgraph.__file__).parent
 STAGES = ("frontend", "backend", "integrity", "imu")
 
-NATIVE = "the native kernel has the same ones: see the test of both"
 NUMERICS = "guards against dividing by nothing"
 MEMORY = "bounds memory or work"
 ALLOWED = {
     "backend/landmarks.py": {"_KEPT": MEMORY, "_INFINITE": NUMERICS, "_PARALLEL": NUMERICS},
     "backend/line_fit.py": {"_AT_INFINITY": NUMERICS},
     "frontend/detection.py": {"_MOST_PREFETCHED": MEMORY},
-    "frontend/edge_batch.py": {"_GROWTH": NATIVE, "_LEVEL": NUMERICS, "_LEAST_PART": NUMERICS},
-    "frontend/edge_search.py": dict.fromkeys(
-        (
-            "_SPACING",
-            "_MOST_STATIONS",
-            "FEWEST_POINTS",
-            "_LEAST_SLOPE",
-            "_LEAST_SHARE",
-            "_STRIPE",
-            "_VOTE",
-            "_INLIER",
-            "_APART",
-            "_AMBIGUOUS",
-            "LEAST_SUPPORT",
-        ),
-        NATIVE,
-    ),
+    "frontend/edge_batch.py": {"_LEVEL": NUMERICS, "_LEAST_PART": NUMERICS},
     "frontend/front_end.py": {"_MOST_GRADIENTS": MEMORY},
     "frontend/gradient.py": {
-        "_BORDER": NATIVE,
-        "_BLUR": NATIVE,
-        "_WIDTH": NATIVE,
+        "BORDER_PX": "follows from the width of blur and derivative",
+        "_BLUR": "belongs to the derivative",
+        "_WIDTH": "belongs to the derivative",
         "_SCALE": "belongs to Scharr's derivative",
     },
     "frontend/line_detection.py": dict.fromkeys(
         ("_HOUGH_ROUNDS", "_HOUGH_REMOVE", "_LSD_STEPS"), "belongs to the detector's method"
     ),
     "frontend/ruling_prediction.py": {
-        "_MOST_SIGMA": NATIVE,
-        "_NEAREST": NATIVE,
         "_THROUGH_CENTRE": NUMERICS,
         "_AT_INFINITY": NUMERICS,
         "_ALONG_RAY": NUMERICS,

@@ -42,7 +42,7 @@ def test_every_line_has_its_own_row(both):
         assert edges.slopes[i] == one_by_one[i].slope
         C = GeometricPoints.from_frames([points[i]]).statistics[0]
         np.testing.assert_allclose(edges.statistics[i].T @ edges.statistics[i], C.T @ C, atol=1e-12)
-        np.testing.assert_array_equal(edges.ends[i], moved_ends(rulings.ends[i], points[i]))
+        np.testing.assert_array_equal(edges.ends[i], moved_ends(rulings.ends[i], points[i], 0.3))
 
 
 def test_a_part_is_what_is_found_of_a_part(both):
@@ -60,11 +60,11 @@ def test_ends_go_onto_the_line_and_towards_its_outermost_points():
     points = np.column_stack([np.linspace(0.0, 10.0, 11), np.ones(11)])
     ends = np.array([[3.0, 1.2], [7.0, 0.7]])
     expected = [[3.0 + 0.3 * (1.0 - 3.0), 1.0], [7.0 + 0.3 * (9.0 - 7.0), 1.0]]
-    np.testing.assert_allclose(moved_ends(ends, points), expected, atol=1e-12)
+    np.testing.assert_allclose(moved_ends(ends, points, 0.3), expected, atol=1e-12)
     # The other way round, and steep.
-    backwards = moved_ends(ends[::-1], points[::-1])
+    backwards = moved_ends(ends[::-1], points[::-1], 0.3)
     np.testing.assert_allclose(backwards, expected[::-1], atol=1e-12)
-    steep = moved_ends(ends[:, ::-1], points[:, ::-1])
+    steep = moved_ends(ends[:, ::-1], points[:, ::-1], 0.3)
     np.testing.assert_allclose(steep, np.array(expected)[:, ::-1], atol=1e-12)
 
 

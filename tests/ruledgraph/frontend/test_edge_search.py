@@ -94,6 +94,15 @@ def test_a_covered_stretch_gives_no_points():
     assert 0.5 < found.support < 0.85
 
 
+@pytest.mark.parametrize(("seen", "is_line"), [(0.25, False), (0.45, True)])
+def test_a_line_of_which_little_is_seen_is_not_found(seen, is_line):
+    """There is an edge along this share of the ruling; a third is asked for."""
+    ends = np.array([[-0.4, 0.02], [0.4, 0.02]])
+    image = edge_image(CAMERA, [(line_through(*ends), 60.0)])
+    image[:, : int(160 + 240 * (0.5 - seen))] = 90
+    assert (search(Gradient(image), CAMERA, Ruling(ends, (1.5, 1.5), 20.0)) is not None) == is_line
+
+
 def test_a_ruling_outside_the_image_or_too_short_finds_nothing():
     gradient = Gradient(edge_image(CAMERA, [(np.array([1.0, 0.0, 0.0]), 60.0)]))
     outside = np.array([[2.0, 0.0], [2.0, 0.3]])

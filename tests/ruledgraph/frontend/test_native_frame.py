@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.config import EdgesConfig
 from ruledgraph.frontend import kernel
-from ruledgraph.frontend.edge_batch import Edges, Rulings, search_all
+from ruledgraph.frontend.edge_batch import SEARCH_SETTINGS, Edges, Rulings, search_all
 from ruledgraph.frontend.gradient import Gradient, gradient_by_opencv
 
 needs_native = pytest.mark.skipif(
@@ -83,7 +84,7 @@ def test_the_gradient_of_a_part_of_an_image() -> None:
     part = image[10:50, 20:70:2]
     np.testing.assert_array_equal(Gradient(part).xy, Gradient(part.copy()).xy)
     with pytest.raises(ValueError, match="differ in size"):
-        kernel.native.gradient(image, np.empty((60, 81, 2), np.float32))
+        kernel.native.gradient(image, np.empty((60, 81, 2), np.float32), 1.0)
 
 
 def by_both(
@@ -131,6 +132,29 @@ def test_kernels_find_the_same_points(camera, beyond, monkeypatch):
     # Far beyond their ends few lines go on.
     assert found > (50 if beyond < 1.0 else 2)
     assert ambiguous > 0 or beyond > 1.0
+
+
+@needs_native
+@pytest.mark.parametrize("name", SEARCH_SETTINGS)
+def test_kernels_take_the_same_settings(name, monkeypatch):
+    """Each changes what is found, and for both alike."""
+    others = {"fewest_points": 30, "sigma_penalty": 1.0, "rival_share": 0.4}
+    other = others.get(name, 2 * getattr(EdgesConfig(), name))
+    camera, changed = CAMERAS[0], False
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        image = clutter(rng, camera)
+        rulings = random_rulings(rng, camera, image)
+        usual = search_all(Gradient(image), camera, rulings)
+        native, numpy = by_both(
+            monkeypatch, camera, image, rulings, 0.0, EdgesConfig(**{name: other})
+        )
+        assert_same(native, numpy)
+        changed = changed or any(
+            mine.shape != own.shape or not np.array_equal(mine, own)
+            for mine, own in zip(native, usual, strict=True)
+        )
+    assert changed
 
 
 @needs_native

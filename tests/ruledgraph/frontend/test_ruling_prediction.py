@@ -147,6 +147,13 @@ def test_kernels_predict_the_same(monkeypatch):
         np.testing.assert_allclose(mine, other, rtol=1e-12, atol=1e-12)
 
 
+def test_a_ruling_is_no_less_sure_than_can_be_searched():
+    line, _ = random_line(np.random.default_rng(6))
+    line.covariance = 1e4 * np.eye(4)
+    otherwise = by_rotation([line.track], np.eye(3), 0.1, FOCAL)
+    np.testing.assert_array_equal(estimated([line], otherwise).sigmas, [[8.0, 8.0]])
+
+
 @needs_native
 def test_kernels_turn_the_same(monkeypatch):
     rng = np.random.default_rng(4)

@@ -14,7 +14,7 @@ LINE = line_through(*ENDS)
 
 def test_the_points_are_all_thresholded_pixels_within_the_gate():
     edges = sobel_points(edge_image(CAMERA, [(LINE, 60.0)]))
-    found = search_sobel(edges, CAMERA, Ruling(ENDS, (2.0, 2.0), 20.0), gate=3.0)
+    found = search_sobel(edges, CAMERA, Ruling(ENDS, (2.0, 2.0), 20.0))
     assert found is not None
     v, u = np.nonzero(edges)
     normalised = CAMERA.undistort(np.stack([u, v], axis=1).astype(float))
@@ -33,15 +33,15 @@ def test_the_points_are_all_thresholded_pixels_within_the_gate():
 
 def test_polarity_does_not_matter():
     edges = sobel_points(edge_image(CAMERA, [(LINE, -60.0)]))
-    assert search_sobel(edges, CAMERA, Ruling(ENDS, (2.0, 2.0), 20.0), gate=3.0) is not None
+    assert search_sobel(edges, CAMERA, Ruling(ENDS, (2.0, 2.0), 20.0)) is not None
 
 
 def test_nothing_near_the_ruling():
     edges = sobel_points(edge_image(CAMERA, [(LINE, 60.0)]))
     beside = Ruling(ENDS + np.array([0.0, 0.1]), (2.0, 2.0), 20.0)
-    assert search_sobel(edges, CAMERA, beside, gate=3.0) is None
+    assert search_sobel(edges, CAMERA, beside) is None
     outside = Ruling(ENDS + np.array([3.0, 0.0]), (2.0, 2.0), 20.0)
-    assert search_sobel(edges, CAMERA, outside, gate=3.0) is None
+    assert search_sobel(edges, CAMERA, outside) is None
 
 
 def test_points_beyond_where_the_camera_model_folds_over_are_no_edge():
@@ -49,7 +49,7 @@ def test_points_beyond_where_the_camera_model_folds_over_are_no_edge():
     everywhere = np.ones((240, 320), dtype=bool)
     rng = np.random.default_rng(0)
     found = [
-        search_sobel(everywhere, camera, Ruling(ends, (2.0, 2.0), 20.0), gate=3.0)
+        search_sobel(everywhere, camera, Ruling(ends, (2.0, 2.0), 20.0))
         for ends in rng.uniform(-1.2, 1.2, size=(200, 2, 2))
     ]
     points = [edge.points for edge in found if edge is not None]
