@@ -87,6 +87,7 @@ using Vector6 = Eigen::Matrix<double, 6, 1>;
 using Matrix = Eigen::MatrixXd;
 using Matrix3 = Eigen::Matrix3d;
 using Matrix32 = Eigen::Matrix<double, 3, 2>;
+using Point2 = Vector2;
 using Point3 = Vector3;
 
 using Key = std::uint64_t;
@@ -98,6 +99,7 @@ class Rot3 {
  public:
   Rot3() = default;
   explicit Rot3(const Matrix3& matrix) : matrix_(matrix) {}
+  static Rot3 Expmap(const Vector3& v) { return Rot3(ruledgraph::exponential(v).rotation); }
   Matrix3 matrix() const { return matrix_; }
 
  private:
@@ -121,6 +123,15 @@ class Pose3 {
   Pose3 retract(const Vector6& v) const {
     return *this * Pose3(Rot3(ruledgraph::exponential(v.head<3>()).rotation),
                          left_jacobian(v.head<3>()) * v.tail<3>());
+  }
+  Point3 transformTo(const Point3& point) const {
+    return rotation_.matrix().transpose() * (point - translation_);
+  }
+  Matrix matrix() const {
+    Matrix whole = Matrix::Identity(4, 4);
+    whole.topLeftCorner(3, 3) = rotation_.matrix();
+    whole.topRightCorner(3, 1) = translation_;
+    return whole;
   }
   Vector6 localCoordinates(const Pose3& other) const {
     const Matrix3 inverse = rotation_.matrix().transpose();
@@ -177,6 +188,7 @@ class Values {
   void insert(Key key, const T& value) {
     values_.emplace(key, value);
   }
+  void insert(const Values& other) { values_.insert(other.values_.begin(), other.values_.end()); }
   template <typename T>
   void update(Key key, const T& value) {
     values_[key] = value;
@@ -257,6 +269,8 @@ class NonlinearFactor {
     return keys_ == other.keys_;
   }
   virtual shared_ptr clone() const = 0;
+  /// Nothing; the stand-in has no linear factors.
+  void linearize(const Values&) const {}
 
  protected:
   KeyVector keys_;
@@ -311,6 +325,11 @@ class NonlinearFactorGraph {
   template <typename T>
   void addPrior(Key key, const T& prior, const SharedNoiseModel& model);
   void push_back(const NonlinearFactor::shared_ptr& factor) { factors_.push_back(factor); }
+  void push_back(const NonlinearFactorGraph& other) {
+    factors_.insert(factors_.end(), other.factors_.begin(), other.factors_.end());
+  }
+  auto begin() const { return factors_.begin(); }
+  auto end() const { return factors_.end(); }
   std::size_t size() const { return factors_.size(); }
   const NonlinearFactor::shared_ptr& operator[](std::size_t i) const { return factors_[i]; }
 
@@ -321,6 +340,8 @@ class NonlinearFactorGraph {
 struct LevenbergMarquardtParams {
   void setDiagonalDamping(bool) {}
   void setlambdaUpperBound(double) {}
+  void setRelativeErrorTol(double) {}
+  void setAbsoluteErrorTol(double) {}
 };
 
 struct ISAM2DoglegParams {};
