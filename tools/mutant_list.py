@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Mutant(NamedTuple):
-    """A mistake: a text of a file in `ruledgraph/`, and what is put in its position."""
+    """A mistake: a text of a file of a package, and what is put in its position."""
 
     file: str
     old: str
@@ -137,8 +137,8 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         ),
     ),
     (
-        "initialization/closed_form.py",
-        "initialization/test_closed_form",
+        "ruledgraph_factors/closed_form.py",
+        "factors/test_closed_form",
         (
             ("by_centre * (0.5 * t * t)", "by_centre * (t * t)"),
             ("+ rotations @ body_p_cam", "- rotations @ body_p_cam"),
@@ -254,8 +254,15 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
     ),
 )
 
+_FACTORS = ("ruledgraph_factors/", "factors/")
+
+
+def _within(folder: str, name: str) -> str:
+    return name if name.startswith(_FACTORS) else f"{folder}/{name}"
+
+
 MUTANTS = tuple(
-    Mutant(file, old, new, (f"tests/ruledgraph/{tests}.py",))
+    Mutant(_within("ruledgraph", file), old, new, (f"tests/{_within('ruledgraph', tests)}.py",))
     for file, tests, changes in _AREAS
     for old, new in changes
 )

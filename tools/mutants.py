@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether the tests notice hand-picked mistakes, each in a copy of the package: a mutation test.
+"""Whether the tests notice hand-picked mistakes, each in a copy of the packages: a mutation test.
 
     python tools/mutants.py --jobs 2
     python tools/mutants.py --only 3 --only 17
@@ -31,23 +31,29 @@ import sys
 folder, *arguments = sys.argv[1:]
 sys.meta_path = [
     finder for finder in sys.meta_path
-    if "ruledgraph" not in getattr(finder, "known_source_files", ())
+    if not {"ruledgraph", "ruledgraph_factors"} & set(getattr(finder, "known_source_files", ()))
 ]
 sys.path.insert(0, folder)
 import ruledgraph
-assert ruledgraph.__file__.startswith(folder), ruledgraph.__file__
+import ruledgraph_factors
+for package in (ruledgraph, ruledgraph_factors):
+    assert package.__file__.startswith(folder), package.__file__
 import pytest
 sys.exit(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *arguments]))
 """
 
 
-def copy_package(folder: Path) -> None:
-    """The package with its compiled module, as it is imported now."""
+def copy_packages(folder: Path) -> None:
+    """Both packages with their compiled modules, as they are imported now."""
     ignored = shutil.ignore_patterns("__pycache__", "native")
-    shutil.copytree(_ROOT / "ruledgraph", folder / "ruledgraph", ignore=ignored)
-    native = find_spec("ruledgraph.frontend._native_frame")
-    if native is not None and native.origin is not None:
-        shutil.copy(native.origin, folder / "ruledgraph" / "frontend")
+    for package, native in (
+        (_ROOT / "ruledgraph", "ruledgraph.frontend._native_frame"),
+        (_ROOT / "factors" / "ruledgraph_factors", "ruledgraph_factors._native"),
+    ):
+        shutil.copytree(package, folder / package.name, ignore=ignored)
+        spec = find_spec(native)
+        if spec is not None and spec.origin is not None:
+            shutil.copy(spec.origin, folder.joinpath(*native.split(".")[:-1]))
 
 
 def mutate(path: Path, old: str, new: str) -> None:
@@ -65,9 +71,9 @@ def mutate(path: Path, old: str, new: str) -> None:
 def run_tests(tests: Sequence[str], mutant: Mutant | None = None) -> int:
     """Exit code of pytest on a copy of the package."""
     with tempfile.TemporaryDirectory(prefix="mutant-") as folder:
-        copy_package(Path(folder))
+        copy_packages(Path(folder))
         if mutant is not None:
-            mutate(Path(folder) / "ruledgraph" / mutant.file, mutant.old, mutant.new)
+            mutate(Path(folder) / mutant.file, mutant.old, mutant.new)
         command = [sys.executable, "-B", "-c", _RUN, folder, *tests]
         try:
             result = subprocess.run(  # noqa: S603 - our own interpreter

@@ -2,18 +2,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Lines, velocity and gravity from a first window, for a start in motion.
 
-The window is solved linearly. Its rotation is known from the gyroscope, so every edge point
-gives a ray q in the body frame at the window's start, and the camera's centre there is
-c(t) = v t + g t^2 / 2 + G(t), with G the doubly integrated accelerometer (and the lever arm of the
-camera). A line (m, d) through the ray obeys
-
-    q . (m + d x c(t)) = 0,
-
-which is linear in m, d x v and d x g. Its direction d comes first: it is perpendicular to the
-normals of all the planes that the line spans with the camera on its way. With d known, all lines
-together are one linear least-squares problem in m_1..m_M, v and g, and G makes it metric. Lines so
-far that their planes do not turn stay out of it. Levenberg-Marquardt on the geometric residual then
-takes out the bias of the linear solution, with all lines and the gyroscope's bias.
+`closed_form` solves it linearly: the gyroscope gives the rotations, the planes that a line spans
+with the camera on its way its direction, and the doubly integrated accelerometer makes the rest
+metric. Lines so far that their planes do not turn stay out of it. Levenberg-Marquardt on the
+geometric residual then takes out the bias of the linear solution, with all lines and the
+gyroscope's bias.
 
 It is degenerate, and `DegenerateWindowError` says which of these it is, when
 
@@ -36,12 +29,13 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 
+from ruledgraph_factors.closed_form import closed_form
 from ruledgraph_factors.errors import DegenerateWindowError
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.motion import FrameMotion
 from ruledgraph_factors.ruling import line_from_ruling
 from ruledgraph_factors.validation import instance, pose, positive_number
-from ruledgraph_factors.window_rays import LineTrack, TrackRays, known_motion, solve_linear
+from ruledgraph_factors.window_rays import LineTrack, TrackRays, known_motion
 from ruledgraph_factors.window_refinement import WindowSolution, refine
 
 # Directions within this angle (rad, two degrees) count as parallel.
@@ -87,12 +81,14 @@ def solve_first_window(
     turning = [sight for sight in sights if sight.turns]
     _require_two_directions(turning)
     _require_excitation(motion, body_T_cam)
-    moments, velocity, gravity = solve_linear(turning)
+    found = closed_form(motion, [sight.planes for sight in turning], body_T_cam.translation())
+    velocity, gravity = found.velocity, found.gravity
     charts = []
     for sight in sights:
         if sight.turns:
-            moment = moments[turning.index(sight)]
-            charts.append(LineChart.from_plucker(body_T_cam, moment, sight.direction))
+            line = turning.index(sight)
+            moment, direction = found.moments[line], found.directions[line]
+            charts.append(LineChart.from_plucker(body_T_cam, moment, direction))
         else:
             centre = sight.centres(velocity, gravity)[0]
             start_T_cam = gtsam.Pose3(gtsam.Rot3(sight.start_R_cam[0]), centre)

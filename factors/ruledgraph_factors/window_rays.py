@@ -1,9 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tracks of a first window as rays and planes, and the linear solution for them.
-
-The equations are those of `first_window`.
-"""
+"""Tracks of a first window as rays and planes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,9 +9,11 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ruledgraph_factors.closed_form import Planes, direction_of
 from ruledgraph_factors.errors import FactorError
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.motion import FrameMotion
+from ruledgraph_factors.observations import GeometricPoints
 from ruledgraph_factors.ruling import fit_image_line
 from ruledgraph_factors.so3 import exp_and_right_jacobian
 from ruledgraph_factors.validation import FloatArray, image_points, instance
@@ -71,17 +70,16 @@ class TrackRays:
         homogeneous = np.column_stack([np.concatenate(self.points), np.ones(self.frame.size)])
         self.rays = np.einsum("nij,nj->ni", self.start_R_cam[self.frame], homogeneous)
 
-        normals, precisions = [], []
         for i, points in enumerate(self.points):
-            line, _ = fit_image_line(f"{name}.points[{i}]", points)
-            size = np.linalg.norm(line)
-            normals.append(self.start_R_cam[i] @ line / size)
-            # Standard deviation of a normal: sigma |n_xy| sqrt(1/s1^2 + 1/s2^2), s singular values.
-            s = np.linalg.svd(np.column_stack([points, np.ones(len(points))]), compute_uv=False)
-            precisions.append(size / (sigma * np.hypot(1.0 / s[0], 1.0 / s[1])))
-        weights = np.array(precisions)
-        _, spread, axes = np.linalg.svd(weights[:, None] * np.array(normals), full_matrices=True)
-        self.direction: FloatArray = np.asarray(axes[2])
+            fit_image_line(f"{name}.points[{i}]", points)  # raises if they are no line
+        body_R_cam = body_T_cam.rotation().matrix()
+        compressed = GeometricPoints.from_frames(self.points)
+        self.planes = Planes.of(frames.tolist(), compressed, body_R_cam, sigma)
+        start_R_body = self.start_R_cam @ body_R_cam.T
+        self.direction, _ = direction_of(self.planes, start_R_body)
+        weights = self.planes.precision
+        normals = np.einsum("nij,nj->ni", start_R_body, self.planes.normals)
+        spread = np.linalg.svd(weights[:, None] * normals, compute_uv=False)
         turn = float(spread[1]) if len(spread) > 1 else 0.0
         self.turns = turn > _SIGNIFICANT_TURN * np.sqrt(
             len(weights)
@@ -102,25 +100,3 @@ class TrackRays:
         share = np.sum(across * moments[self.frame], axis=1) / np.sum(across**2, axis=1)
         inverse_depth = float(np.median(plucker[3:] @ direction / share))
         return inverse_depth > -_BEYOND_INFINITY
-
-
-def solve_linear(
-    sights: Sequence[TrackRays],
-) -> tuple[list[FloatArray], FloatArray, FloatArray]:
-    """Moments (perpendicular to their directions), velocity, gravity: q.m + (q x d).c(t) = 0."""
-    count = len(sights)
-    bases, rows, targets = [], [], []
-    for i, sight in enumerate(sights):
-        basis = np.linalg.svd(sight.direction[None, :])[2][1:].T
-        across = np.cross(sight.rays, sight.direction)
-        t = sight.motion.elapsed[sight.frame][:, None]
-        block = np.zeros((len(across), 2 * count + 6))
-        block[:, 2 * i : 2 * i + 2] = sight.rays @ basis
-        block[:, -6:-3] = across * t
-        block[:, -3:] = across * (0.5 * t * t)
-        bases.append(basis)
-        rows.append(block)
-        targets.append(-np.sum(across * sight.known_centres[sight.frame], axis=1))
-    solution = np.linalg.lstsq(np.vstack(rows), np.concatenate(targets), rcond=None)[0]
-    moments = [basis @ solution[2 * i : 2 * i + 2] for i, basis in enumerate(bases)]
-    return moments, solution[-6:-3], solution[-3:]

@@ -21,7 +21,6 @@ from ruledgraph_factors import (
     FrameMotion,
     GeometricPoints,
     LineChart,
-    preintegrate_frames,
     ruled_surface_factor,
     ruled_surface_factor_with_time_offset,
 )
@@ -54,9 +53,7 @@ class BatchGraph:
         self._charts = charts
         offset = unknown_offset(window.config)
         self._shift_key = None if offset is None else shift_key(window)
-        self.motion = preintegrate_frames(
-            window.samples, window.times[0], window.times, bias, with_time=offset is not None
-        )
+        self.motion = window.motion(bias, with_time=offset is not None)
         self.factors = gtsam.NonlinearFactorGraph()
         self._of_lines: list[tuple[int, gtsam.NoiseModelFactor, GeometricPoints]] = []
         self._add_state_priors(upright)

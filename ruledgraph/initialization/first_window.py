@@ -6,10 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import gtsam
+
+from ruledgraph.backend.line_factors import compressed_points
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack, Sighting
-from ruledgraph_factors import ImuSamples
+from ruledgraph_factors import FrameMotion, ImuSamples, preintegrate_frames
+from ruledgraph_factors.closed_form import Planes
 
 
 class Seen(NamedTuple):
@@ -36,3 +40,15 @@ class FirstWindow:
     def sigma(self) -> float:
         """Standard deviation of a point, normalised units."""
         return self.config.start.sigma_px / self.calibration.camera.focal_length
+
+    def motion(self, bias: gtsam.imuBias.ConstantBias, with_time: bool = False) -> FrameMotion:
+        """From its start to all its frames, integrated with a bias of the IMU."""
+        return preintegrate_frames(self.samples, self.times[0], self.times, bias, with_time)
+
+    def planes(self) -> list[Planes]:
+        """That its lines span with the camera."""
+        body_R_cam = self.calibration.body_T_cam.rotation().matrix()
+        return [
+            Planes.of(line.frames, compressed_points(line.sightings), body_R_cam, self.sigma)
+            for line in self.seen
+        ]

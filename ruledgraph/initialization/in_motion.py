@@ -18,7 +18,6 @@ from ruledgraph.core.line_observations import LineTrack
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.initialization.batch import ROUGH, Batch
-from ruledgraph.initialization.closed_form import Planes, closed_form, gyroscope_bias
 from ruledgraph.initialization.first_window import FirstWindow, Seen
 from ruledgraph.initialization.initial_values import (
     InitialValues,
@@ -32,6 +31,7 @@ from ruledgraph.initialization.prior import (
     unknown_offset,
 )
 from ruledgraph_factors import FactorError
+from ruledgraph_factors.closed_form import closed_form, gyroscope_bias
 
 _T = TypeVar("_T")
 # The most frames used; a line counts that was seen in so many of them, and in no fewer.
@@ -95,16 +95,12 @@ def solved(window: FirstWindow) -> list[Batch]:
 
 
 def _hypotheses(window: FirstWindow) -> Iterator[Callable[[], InitialValues]]:
-    start, body_T_cam = window.config.start, window.calibration.body_T_cam
-    body_R_cam, arm = body_T_cam.rotation().matrix(), body_T_cam.translation()
-    planes = [
-        Planes.of(line.frames, line.sightings, body_R_cam, window.sigma) for line in window.seen
-    ]
-    samples, times = window.samples, window.times
-    bias = gyroscope_bias(samples, times, planes, start.gyroscope_bias)
+    start, body_T_cam, planes = window.config.start, window.calibration.body_T_cam, window.planes()
+    bias = gyroscope_bias(window.samples, window.times, planes, start.gyroscope_bias)
 
     def linear() -> InitialValues:
-        found = closed_form(samples, times, planes, bias, arm)
+        motion = window.motion(gtsam.imuBias.ConstantBias(np.zeros(3), bias))
+        found = closed_form(motion, planes, body_T_cam.translation())
         return from_closed_form(window, bias, found)
 
     yield linear

@@ -8,15 +8,14 @@ import gtsam
 import numpy as np
 
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.initialization.closed_form import ClosedForm
 from ruledgraph.initialization.first_window import FirstWindow
 from ruledgraph_factors import (
     FrameMotion,
     LineChart,
     level_attitude,
     line_from_ruling,
-    preintegrate_frames,
 )
+from ruledgraph_factors.closed_form import ClosedForm
 
 # The closed form's lines that come out nearer or further than this begin in between, m.
 _NEAR, _FAR, _BETWEEN = 0.1, 50.0, 5.0
@@ -83,7 +82,7 @@ def _by_imu(
     gained meanwhile is its error.
     """
     bias = gtsam.imuBias.ConstantBias(np.zeros(3), gyroscope_bias)
-    motion = preintegrate_frames(window.samples, window.times[0], window.times, bias)
+    motion = window.motion(bias)
     return bias, motion, level_attitude(motion.preintegrated[-1, 6:9])
 
 

@@ -24,10 +24,10 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from ruledgraph.core.arrays import FloatArray
-from ruledgraph.core.line_observations import Sighting
-from ruledgraph_factors import STANDARD_GRAVITY, FrameMotion, ImuSamples, preintegrate_frames
+from ruledgraph_factors.motion import STANDARD_GRAVITY, FrameMotion, ImuSamples, preintegrate_frames
+from ruledgraph_factors.observations import GeometricPoints
 from ruledgraph_factors.so3 import exp_and_right_jacobian
+from ruledgraph_factors.validation import FloatArray
 
 # Of the Cauchy loss, in standard deviations; rounds of weighting a line's direction, the bias, and
 # all lines together.
@@ -46,7 +46,7 @@ _G = -STANDARD_GRAVITY[2]
 class Planes:
     """Of a line: the planes it spans with the camera."""
 
-    frames: list[int]
+    frames: Sequence[int]
     """Which frames of the window saw it."""
     normals: FloatArray
     """Unit normals in the body frame, (n, 3)."""
@@ -55,11 +55,17 @@ class Planes:
 
     @classmethod
     def of(
-        cls, frames: list[int], sightings: Sequence[Sighting], body_R_cam: FloatArray, sigma: float
+        cls, frames: Sequence[int], points: GeometricPoints, body_R_cam: FloatArray, sigma: float
     ) -> "Planes":
-        """Of a line's sightings, with the standard deviation of a point, normalised units."""
-        statistics = np.array([sighting.statistics for sighting in sightings])
-        _, spread, axes = np.linalg.svd(statistics)
+        """Of a line's points in each frame.
+
+        Args:
+            frames: which frames of the window saw it.
+            points: there.
+            body_R_cam: (3, 3).
+            sigma: standard deviation of a point, normalised units.
+        """
+        _, spread, axes = np.linalg.svd(points.statistics)
         return cls(frames, axes[:, 2] @ body_R_cam.T, spread[:, 1] / sigma)
 
 
@@ -68,13 +74,26 @@ class ClosedForm:
     """Motion in the body frame at the window's start, and lines there."""
 
     velocity: FloatArray
-    """(3,), m/s."""
+    """Of the body, (3,), m/s."""
     gravity: FloatArray
     """Less the accelerometer's bias, (3,), m/s^2."""
     directions: FloatArray
     """Unit, (N, 3)."""
     moments: FloatArray
     """About the body's first position, (N, 3), m."""
+
+
+def direction_of(line: Planes, turned: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The direction next to all planes, (3,), and the weights with which it was found, (n,).
+
+    `turned` are the body's rotations in the frames that saw it, from the window's start, (n, 3, 3).
+    """
+    normals = np.einsum("nij,nj->ni", turned, line.normals)
+    weights = line.precision
+    for _ in range(_DIRECTION_ROUNDS):
+        direction = np.linalg.svd(weights[:, None] * normals)[2][2]
+        weights = line.precision * _loss_weight(line.precision * (normals @ direction))
+    return direction, weights
 
 
 def gyroscope_bias(
@@ -90,13 +109,14 @@ def gyroscope_bias(
     """
     bias = np.zeros(3)
     for _ in range(_BIAS_ROUNDS):
-        motion = _motion(samples, times, bias)
+        held = gtsam.imuBias.ConstantBias(np.zeros(3), bias)
+        motion = preintegrate_frames(samples, times[0], times, held)
         rotations, right_jacobians = exp_and_right_jacobian(motion.preintegrated[:, :3])
         by_bias = right_jacobians @ motion.bias_jacobian[:, :3, 3:]
         information, gradient = np.eye(3) / sigma**2, bias / sigma**2
         for line in lines:
             turned = rotations[line.frames]
-            direction, weights = _direction(line, turned)
+            direction, weights = direction_of(line, turned)
             normals = np.einsum("nij,nj->ni", turned, line.normals)
             residual = weights * (normals @ direction)
             arms = np.cross(line.normals, direction @ turned)
@@ -115,15 +135,14 @@ def gyroscope_bias(
     return bias
 
 
-def closed_form(
-    samples: ImuSamples,
-    times: Sequence[float],
-    lines: Sequence[Planes],
-    bias: FloatArray,
-    body_p_cam: FloatArray,
-) -> ClosedForm:
-    """Velocity, gravity and lines of a window whose gyroscope bias (rad/s, (3,)) is known."""
-    motion = _motion(samples, times, bias)
+def closed_form(motion: FrameMotion, lines: Sequence[Planes], body_p_cam: FloatArray) -> ClosedForm:
+    """Velocity, gravity and lines of a window.
+
+    Args:
+        motion: from the window's start to its frames, with the gyroscope's bias.
+        lines: seen in it.
+        body_p_cam: position of the camera in the body frame, (3,), m.
+    """
     rotations, _ = exp_and_right_jacobian(motion.preintegrated[:, :3])
     centres = motion.preintegrated[:, 3:6] + rotations @ body_p_cam
     force = motion.preintegrated[-1, 6:9]
@@ -156,7 +175,7 @@ class _Line:
         self, line: Planes, rotations: FloatArray, centres: FloatArray, elapsed: FloatArray
     ) -> None:
         turned, t = rotations[line.frames], elapsed[line.frames][:, None]
-        self.direction, self._precision = _direction(line, turned)
+        self.direction, self._precision = direction_of(line, turned)
         self.basis, self.moment = _across(self.direction), np.zeros(2)
         across = np.cross(self.direction, np.einsum("nij,nj->ni", turned, line.normals))
         across /= np.linalg.norm(across, axis=1, keepdims=True)
@@ -191,16 +210,6 @@ class _Line:
         return np.vstack([self._weights[:, None] * self._by_moment, np.eye(2) / _FARTHEST])
 
 
-def _direction(line: Planes, turned: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The direction next to all planes, (3,), and the weights with which it was found, (n,)."""
-    normals = np.einsum("nij,nj->ni", turned, line.normals)
-    weights = line.precision
-    for _ in range(_DIRECTION_ROUNDS):
-        direction = np.linalg.svd(weights[:, None] * normals)[2][2]
-        weights = line.precision * _loss_weight(line.precision * (normals @ direction))
-    return direction, weights
-
-
 def _loss_weight(residual: FloatArray) -> FloatArray:
     """Root of the Cauchy loss's weight of whitened residuals."""
     return np.asarray(1.0 / np.sqrt(1.0 + (residual / _CAUCHY) ** 2))
@@ -209,8 +218,3 @@ def _loss_weight(residual: FloatArray) -> FloatArray:
 def _across(direction: FloatArray) -> FloatArray:
     """Two unit vectors across a direction, (3, 2)."""
     return np.asarray(np.linalg.svd(direction[None, :])[2][1:].T)
-
-
-def _motion(samples: ImuSamples, times: Sequence[float], gyroscope: FloatArray) -> FrameMotion:
-    bias = gtsam.imuBias.ConstantBias(np.zeros(3), gyroscope)
-    return preintegrate_frames(samples, times[0], times, bias)
