@@ -12,7 +12,7 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.settings import load_config
 from ruledgraph.core.trajectory import read_tum
-from ruledgraph.evaluation import accuracy
+from ruledgraph.evaluation import Accuracy, accuracy
 from ruledgraph.evaluation.ground_truth import GroundTruth
 
 TRAJECTORIES = {"trajectory_live": "live", "trajectory": "smoothed"}
@@ -21,20 +21,6 @@ TRAJECTORIES = {"trajectory_live": "live", "trajectory": "smoothed"}
 
 class ReportError(RuledgraphError):
     """A folder that holds no run, or a page that cannot be written."""
-
-
-@dataclass(frozen=True)
-class Errors:
-    """ATE and RPE of one trajectory, m and degrees."""
-
-    name: str
-    poses: int
-    path_length: float
-    ate_rmse: float
-    ate_max: float
-    ate_rotation_rmse: float | None
-    rpe_rmse: float | None
-    """Over 1 m of path."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +77,8 @@ class Run:
     warnings: list[str]
     warnings_left_off: int
     stages: list[Stage]
-    errors: list[Errors]
-    """Empty without ground truth."""
+    errors: dict[str, Accuracy]
+    """Of the `live` and the `smoothed` trajectory; empty without ground truth."""
     not_evaluated: list[str]
     """Why some trajectory has no errors."""
     settings: list[Setting]
@@ -113,10 +99,6 @@ class Run:
     def warning_count(self) -> int:
         """Of the listed ones and those left off."""
         return len(self.warnings) + self.warnings_left_off
-
-    def errors_of(self, name: str) -> Errors | None:
-        """Of the `live` or the `smoothed` trajectory, if known."""
-        return next((errors for errors in self.errors if errors.name == name), None)
 
 
 def read_run(folder: Path, truth: GroundTruth | None) -> Run:
@@ -141,7 +123,7 @@ def read_run(folder: Path, truth: GroundTruth | None) -> Run:
     found = _evaluated(folder, truth) if truth is not None else None
     settings, text = _settings(folder / "config.yaml")
     try:
-        listed, why_not = _errors(summary.get("accuracy", {})) if found is None else found
+        errors, why_not = _errors(summary.get("accuracy", {})) if found is None else found
         return Run(
             folder=folder,
             ended=str(summary["ended"]),
@@ -159,7 +141,7 @@ def read_run(folder: Path, truth: GroundTruth | None) -> Run:
             warnings=_texts(summary["warnings"]),
             warnings_left_off=int(summary["warnings_left_off"]),
             stages=[_stage(str(name), times) for name, times in summary["stages"].items()],
-            errors=listed,
+            errors=errors,
             not_evaluated=why_not,
             settings=settings,
             settings_text=text,
@@ -204,8 +186,8 @@ def _stage(name: str, times: dict[str, Any]) -> Stage:
     )
 
 
-def _errors(accuracies: dict[str, Any]) -> tuple[list[Errors], list[str]]:
-    listed, why_not = [], []
+def _errors(accuracies: dict[str, Any]) -> tuple[dict[str, Accuracy], list[str]]:
+    found, why_not = {}, []
     for file, name in TRAJECTORIES.items():
         figures = accuracies.get(file)
         if figures is None:
@@ -213,28 +195,23 @@ def _errors(accuracies: dict[str, Any]) -> tuple[list[Errors], list[str]]:
         if "error" in figures:
             why_not.append(f"{name}: {figures['error']}")
             continue
-        fields = dataclasses.fields(Errors)[2:]
+        _, *fields = dataclasses.fields(Accuracy)
         numbers = [figures[field.name] for field in fields]
-        listed.append(
-            Errors(
-                name,
-                int(figures["poses"]),
-                *(None if number is None else float(number) for number in numbers),  # type: ignore[arg-type]
-            )
+        found[name] = Accuracy(
+            int(figures["poses"]),
+            *(None if number is None else float(number) for number in numbers),  # type: ignore[arg-type]
         )
-    return listed, why_not
+    return found, why_not
 
 
-def _evaluated(folder: Path, truth: GroundTruth) -> tuple[list[Errors], list[str]]:
-    listed, why_not = [], []
+def _evaluated(folder: Path, truth: GroundTruth) -> tuple[dict[str, Accuracy], list[str]]:
+    found, why_not = {}, []
     for file, name in TRAJECTORIES.items():
         try:
-            found = accuracy(read_tum(folder / f"{file}.tum"), truth)
+            found[name] = accuracy(read_tum(folder / f"{file}.tum"), truth)
         except RuledgraphError as error:  # noqa: PERF203 - two of them
             why_not.append(f"{name}: {error}")
-        else:
-            listed.append(Errors(name, **dataclasses.asdict(found)))
-    return listed, why_not
+    return found, why_not
 
 
 def _settings(path: Path) -> tuple[list[Setting], str]:
