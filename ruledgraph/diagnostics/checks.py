@@ -88,8 +88,10 @@ class Observations:
         times = self.times(self.imu_stamps)
         turning = np.linalg.norm(self.imu[:, :3] - np.median(self.imu[:, :3], axis=0), axis=1)
         stretch = (times // length).astype(int)
-        sums = np.bincount(stretch, turning) / np.maximum(np.bincount(stretch), 1)
-        return start + length * int(np.argmax(sums))
+        counts = np.bincount(stretch)
+        means = np.bincount(stretch, turning) / np.maximum(counts, 1)
+        # The last one may be but a sample long.
+        return start + length * int(np.argmax(np.where(2 * counts >= counts.max(), means, 0.0)))
 
     @property
     def imu(self) -> FloatArray:
@@ -150,7 +152,9 @@ def _ranges(imu: FloatArray) -> Iterator[Finding]:
     hanging = _longest_run(same) + 1
     if hanging > _HANGS:
         yield Finding(
-            False, f"the IMU gives the same reading {hanging} times in a row: it hung, or is padded"
+            False,
+            f"the IMU gives the same reading {hanging} times in a row: it hung, is padded, or is "
+            "simulated without noise",
         )
     for columns, sensor, unit in (
         (slice(0, 3), "gyroscope", "rad/s"),

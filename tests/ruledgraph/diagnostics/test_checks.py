@@ -53,6 +53,13 @@ def bad(findings) -> list[str]:
     return [finding.text for finding in findings if not finding.good]
 
 
+@pytest.mark.parametrize("samples", [1, 20, 900])
+def test_where_it_turns_most_there_is_something_to_read(samples):
+    times, imu = healthy(5.0 + samples / RATE)
+    imu[-samples:, 0] += 5.0
+    assert observed(times, imu).liveliest(2.0) == (7.0 if samples > 500 else 2.0)
+
+
 def test_a_healthy_recording_has_nothing_to_complain_of():
     findings = list(examine(observed(*healthy()), NOISE))
     assert bad(findings) == []
