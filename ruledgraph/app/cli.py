@@ -27,8 +27,8 @@ from ruledgraph.app.options import (
 from ruledgraph.app.settings_command import settings
 from ruledgraph.core.errors import MachineError, RuledgraphError, machine_error
 
-# Exit code without disk space, memory or threads.
-_MACHINE = 4
+# Exit codes: without disk space, memory or threads; after Ctrl-C, as shells say it.
+_MACHINE, _INTERRUPTED = 4, 130
 
 
 class _Group(click.Group):
@@ -54,6 +54,9 @@ class _Group(click.Group):
             return super().invoke(ctx)
         except MachineError:
             raise
+        except KeyboardInterrupt:
+            click.echo("ruledgraph: interrupted", err=True)
+            ctx.exit(_INTERRUPTED)
         except RuledgraphError as error:
             click.echo(f"ruledgraph: {error}", err=True)
             ctx.exit(2)

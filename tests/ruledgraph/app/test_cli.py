@@ -170,3 +170,13 @@ def test_force_leaves_devices_alone(tmp_path: Path) -> None:
     with pytest.raises(RuledgraphError, match=r"run\.mcap: is no file; --force leaves it alone"):
         make_way(tmp_path / "run.mcap")
     assert (tmp_path / "run.mcap").exists()
+
+
+def test_an_interrupt_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ruledgraph.recording.open_recording", interrupted)
+    result = CliRunner().invoke(main, ["export", "a.bag", "b.mcap"])
+    assert result.exit_code == 130
+    assert result.output == "ruledgraph: interrupted\n"
