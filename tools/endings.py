@@ -36,6 +36,8 @@ from ruledgraph.visualization.run_tables import read_run_tables
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # The exit code without space or memory.
 _MACHINE = 4
+# MB. With less than so much OpenBLAS tries for minutes to get some, when it is loaded.
+_MEMORY = (440.0, 500.0)
 # A run that lasts longer hangs, s.
 _LIMIT = 300.0
 
@@ -150,7 +152,7 @@ def endings(
         limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (size, size))
         yield run(arguments, folder / f"size{i}", f"files of {size} bytes", limit=limit)
     for i in range(memories):
-        megabytes = int(rng.uniform(410, 500))
+        megabytes = int(rng.uniform(*_MEMORY))
         limit = partial(resource.setrlimit, resource.RLIMIT_AS, (megabytes * 2**20,) * 2)
         yield run(arguments, folder / f"memory{i}", f"{megabytes} MB of memory", limit=limit)
 

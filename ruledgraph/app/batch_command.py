@@ -5,7 +5,9 @@
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
@@ -15,6 +17,9 @@ from ruledgraph.app.batch.cluster import run_all
 from ruledgraph.app.batch.jobs import Job, plan
 from ruledgraph.app.batch.store import Store
 from ruledgraph.app.batch.work import Outcome
+
+# Exit code after Ctrl-C, as shells say it.
+_INTERRUPTED = 130
 
 
 def batch_command(
@@ -31,6 +36,7 @@ def batch_command(
     scheduler: str | None,
     output: Path,
     force: bool,
+    **choice: Any,
 ) -> None:
     """See `ruledgraph batch --help`."""
     jobs = plan(
@@ -42,11 +48,31 @@ def batch_command(
         ground_truth=ground_truth,
         camera=camera,
         imu=imu,
+        choice=choice,
     )
+    smooth_jobs(jobs, output, partial(run_all, workers=workers, scheduler=scheduler), force=force)
+
+
+def smooth_jobs(
+    jobs: Sequence[Job],
+    output: Path,
+    run: Callable[[Sequence[Job], Callable[[Job, Outcome], object]], None],
+    *,
+    force: bool,
+) -> None:
+    """Run those jobs that are not complete, keep what comes of them, and say so.
+
+    Args:
+        jobs: of a batch.
+        output: folder of the results; what is complete there is not run again, but for `force`.
+        run: runs jobs and calls a function with each as it ends.
+        force: run all.
+    """
     store = Store(output)
     wanted = [job for job in jobs if force or store.error(job) != ""]
     if kept := len(jobs) - len(wanted):
         click.echo(f"{kept} of {len(jobs)} runs are there already; --force runs them again")
+    interrupted = False
     try:
         if wanted:
             with _progress(len(wanted)) as show:
@@ -55,8 +81,9 @@ def batch_command(
                     store.put(job, outcome)
                     show(job, outcome)
 
-                run_all(wanted, done, workers=workers, scheduler=scheduler)
+                run(wanted, done)
     except KeyboardInterrupt:
+        interrupted = True
         click.echo("interrupted: the same command goes on where it was", err=True)
     finally:
         tables = store.write_tables(jobs)
@@ -68,7 +95,7 @@ def batch_command(
     for path in tables:
         click.echo(str(path))
     if there < len(jobs):
-        sys.exit(1)
+        sys.exit(_INTERRUPTED if interrupted else 1)
 
 
 @contextmanager

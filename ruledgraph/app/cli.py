@@ -5,7 +5,6 @@
 Whatever is slow to import is imported where it is used, so that `--help` comes at once.
 """
 
-import gc
 import os
 import sys
 from contextlib import suppress
@@ -17,6 +16,7 @@ import click
 from ruledgraph.app.cli_batch import batch
 from ruledgraph.app.cli_evaluate import evaluate
 from ruledgraph.app.cli_simulate import simulate
+from ruledgraph.app.cli_smooth import smooth
 from ruledgraph.app.options import (
     calibration_options,
     force_option,
@@ -159,100 +159,7 @@ def export(recording: Path, out: Path, kind: Any, force: bool, **choice: Any) ->
     click.echo(f"{out}: {report.frames.count} frames, {report.imu.count} IMU samples")
 
 
-@main.command()
-@click.argument("recording", type=click.Path(path_type=Path))
-@calibration_options
-@click.option(
-    "--output",
-    type=click.Path(path_type=Path),
-    metavar="FOLDER",
-    help="Write the results into this folder, by default results/<name>-<time>.",
-)
-@click.option(
-    "--ground-truth",
-    type=click.Path(),
-    metavar="FILE|TOPIC",
-    help="Report errors against these poses.",
-)
-@click.option(
-    "--config",
-    "config_file",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Read settings from this YAML file.",
-)
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="SECTION.KEY=VALUE",
-    help="Change one setting; repeat it for several.",
-)
-@click.option(
-    "--time-offset",
-    type=click.FloatRange(-10.0, 10.0),
-    metavar="SECONDS",
-    help="Take frames to be so much later than their stamps say, on the IMU's clock, instead of "
-    "the calibration's timeshift_cam_imu.",
-)
-@click.option("--plots", is_flag=True, help="Draw pictures of the results.")
-@click.option("--directrices", is_flag=True, help="With --plots, draw the paper's directrices too.")
-@click.option(
-    "--video",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="MP4",
-    help="Write a video of the images with their lines.",
-)
-@click.option(
-    "--rerun",
-    type=click.Path(path_type=Path),
-    metavar="RRD",
-    help="Write a file for the Rerun viewer; needs rerun-sdk.",
-)
-@click.option(
-    "--ros2-bag",
-    type=click.Path(path_type=Path),
-    metavar="MCAP",
-    help="Write poses, path, transforms and lines as ROS 2 messages into an MCAP file.",
-)
-@click.option(
-    "--trajectory-format",
-    "formats",
-    type=click.Choice(["kitti", "euroc"]),
-    multiple=True,
-    help="Write the trajectories in this format, too; repeat it for both.",
-)
-@click.option(
-    "--solver",
-    type=click.Choice(["graph", "paper"]),
-    default="graph",
-    show_default=True,
-    help="Solve with the factor graph, or with the paper's own solver, a slow baseline.",
-)
-@force_option
-@click.option("-v", "--verbose", is_flag=True, help="Say more: all warnings, stage timings.")
-@recording_options
-def smooth(recording: Path, **options: Any) -> None:
-    """Estimate the metric trajectory and the lines of a RECORDING.
-
-    RECORDING is what `ruledgraph info` reads. The results folder gets trajectory.tum (smoothed) and
-    trajectory_live.tum, states.csv, lines.csv, summary.json and the config.yaml in effect. The exit
-    code is 3 when nothing could be estimated.
-
-    \b
-    Examples:
-      ruledgraph smooth flight.bag --calibration calib.yaml
-      ruledgraph smooth MH_01_easy --output run1 --plots \\
-          --ground-truth MH_01_easy/mav0/state_groundtruth_estimate0/data.csv
-      ruledgraph smooth flight.bag --calibration calib.yaml --set window.lag=2
-    """
-    # What is imported stays: the garbage collector need not look through it, now or at the end.
-    gc.disable()
-    from ruledgraph.app.smooth_command import smooth_command
-
-    gc.freeze()
-    gc.enable()
-    smooth_command(recording, **options)
+main.add_command(smooth)
 
 
 @main.command()

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from ruledgraph.app.options import calibration_options
+from ruledgraph.app.options import calibration_options, recording_options
 
 
 @click.command()
@@ -62,12 +62,14 @@ from ruledgraph.app.options import calibration_options
     help="Write the results into this folder; runs that are complete there are not run again.",
 )
 @click.option("--force", is_flag=True, help="Run again what is complete.")
+@recording_options
 def batch(recordings: tuple[str, ...], **options: Any) -> None:
     """Smooth many RECORDINGs, with each choice of settings; needs ruledgraph[batch].
 
-    RECORDING is a path, a quoted pattern, a file's URL (as fsspec reads it), or a simulation as
-    sim:SCENE:MOTION with options such as ?rate=30&duration=6&resolution=320x240. A run that fails
-    does not stop the others; the same command again goes on with what is missing.
+    RECORDING is a path, a folder of several, a quoted pattern, a file's URL (as fsspec reads it),
+    or a simulation as sim:SCENE:MOTION with options such as ?rate=30&duration=6&resolution=320x240.
+    A run that fails does not stop the others; the same command again goes on with what is missing.
+    The results folder gets a folder for each run, table.csv, table.md and report.html.
 
     \b
     Examples:

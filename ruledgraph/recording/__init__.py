@@ -11,6 +11,7 @@ print(recording.report.warnings)
 from ruledgraph.core.measurements import MAX_IMU_GAP
 from ruledgraph.recording.container import Kind, Topic
 from ruledgraph.recording.errors import RecordingError
+from ruledgraph.recording.formats import recordings_in
 from ruledgraph.recording.images import check_frame_size
 from ruledgraph.recording.order import REORDER_BOUND
 from ruledgraph.recording.recording import Recording, open_recording
@@ -31,5 +32,6 @@ __all__ = [
     "check_frame_size",
     "kind_of",
     "open_recording",
+    "recordings_in",
     "write_recording",
 ]

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Which kind of recording it is, told from what it holds."""
 
+import re
+from collections.abc import Iterator
 from pathlib import Path
 
 from ruledgraph.recording.asl import AslFolder, asl_root
@@ -56,3 +58,37 @@ def _open(path: Path) -> Container:
         f"{path} is no recording: it begins like neither a ROS 1 bag, an MCAP file nor a ROS 2 "
         "database"
     )
+
+
+# The files of one ROS 2 bag are numbered: flight_0.mcap, flight_1.mcap.
+_PART = re.compile(r"(.+)_\d+\.(?:mcap|db3)(?:\.zstd)?")
+
+
+def recordings_in(folder: Path) -> list[Path]:
+    """The recordings in a folder and its subfolders, in order of their names; the folder itself
+    where it is one.
+    """
+    return sorted(_found(folder))
+
+
+def _found(folder: Path) -> Iterator[Path]:
+    if _is_bag(folder) or asl_root(folder) is not None:
+        yield folder
+        return
+    for path in folder.iterdir():
+        if path.name.startswith("."):
+            continue
+        if path.is_dir():
+            yield from _found(path)
+        elif path.is_file():
+            with path.open("rb") as file:
+                if file.read(16).startswith((ROSBAG1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC)):
+                    yield path
+
+
+def _is_bag(folder: Path) -> bool:
+    """Whether a folder is one ROS 2 bag, not a place for several files."""
+    if (folder / METADATA).exists():
+        return True
+    parts = [_PART.fullmatch(file.name) for file in storage_files(folder)]
+    return bool(parts) and None not in parts and len({part[1] for part in parts if part}) == 1

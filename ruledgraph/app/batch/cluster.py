@@ -1,10 +1,12 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hands jobs to dask's workers, and takes what comes of them."""
+"""Has jobs run, by dask's workers or one by one, and takes what comes of them."""
 
+import multiprocessing
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from importlib import import_module
+from multiprocessing.connection import Connection
 from typing import Any
 
 from ruledgraph.app.batch.jobs import Job
@@ -13,6 +15,35 @@ from ruledgraph.core.errors import RuledgraphError
 
 # How long a scheduler is waited for.
 _PATIENCE = "20s"
+
+
+def run_in_turn(jobs: Sequence[Job], done: Callable[[Job, Outcome], object]) -> None:
+    """Run jobs one after the other, each in a process of its own; dask is not needed.
+
+    Args:
+        jobs: to be run.
+        done: called with each as it ends.
+    """
+    # A fresh interpreter: what this one has loaded, and its threads, stay out of it.
+    context = multiprocessing.get_context("spawn")
+    for job in jobs:
+        ours, theirs = context.Pipe(duplex=False)
+        process = context.Process(target=_send, args=(job, theirs), daemon=True)
+        process.start()
+        theirs.close()
+        try:
+            outcome = ours.recv()
+        except EOFError:
+            process.join()
+            outcome = Outcome(f"its process ended with exit code {process.exitcode}")
+        process.join()
+        if outcome.summary.get("ended") == "interrupted":
+            raise KeyboardInterrupt
+        done(job, outcome)
+
+
+def _send(job: Job, to: Connection) -> None:
+    to.send(run_job(job))
 
 
 def run_all(

@@ -5,16 +5,18 @@
 import glob
 import hashlib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl
 
+from ruledgraph.app.trajectory_files import TrajectoryFormat
 from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.settings import config_text, load_config
+from ruledgraph.recording import recordings_in
 
 SIMULATED = "sim:"
 """Begins a source SCENE:MOTION that is simulated, with options as in a URL's query."""
@@ -44,6 +46,13 @@ class Job:
     ground_truth: str | None
     camera: str | None = None
     imu: str | None = None
+    choice: tuple[tuple[str, Any], ...] = ()
+    """Of topics and a stretch of the recording, arguments of `open_recording`."""
+    time_offset: float | None = None
+    """Instead of the calibration's, s."""
+    formats: tuple[TrajectoryFormat, ...] = ()
+    """Of the trajectories, beside TUM's."""
+    plots: bool = False
 
     @property
     def digest(self) -> str:
@@ -84,11 +93,16 @@ def plan(
     ground_truth: str | None,
     camera: str | None,
     imu: str | None,
+    choice: Mapping[str, Any] | None = None,
+    time_offset: float | None = None,
+    formats: Sequence[TrajectoryFormat] = (),
+    plots: bool = False,
 ) -> list[Job]:
     """All jobs of a batch.
 
     Args:
-        patterns: paths, glob patterns, URLs, and simulations as `sim:SCENE:MOTION`.
+        patterns: paths, glob patterns, URLs, and simulations as `sim:SCENE:MOTION`; folders stand
+            for all recordings in them.
         config_file: settings of all runs.
         settings: `section.key=value`, or several values apart by commas: each is tried, with each
             of the others.
@@ -97,6 +111,10 @@ def plan(
         ground_truth: file or topic, likewise.
         camera: which of the calibration's cameras.
         imu: whose typical noise to take.
+        choice: of topics and a stretch of each recording.
+        time_offset: instead of the calibration's, s.
+        formats: of the trajectories, beside TUM's.
+        plots: whether to draw pictures.
 
     Raises:
         RuledgraphError: for a pattern nothing matches and settings that do not exist.
@@ -116,10 +134,14 @@ def plan(
                     settings=tuple(s for s in chosen if s.partition("=")[0] in varied),
                     seed=seed,
                     config=config,
-                    calibration=tuple(_filled(file, recording) for file in calibration),
-                    ground_truth=_filled(ground_truth, recording) if ground_truth else None,
+                    calibration=tuple(filled(file, recording) for file in calibration),
+                    ground_truth=filled(ground_truth, recording) if ground_truth else None,
                     camera=camera,
                     imu=imu,
+                    choice=tuple((k, v) for k, v in (choice or {}).items() if v is not None),
+                    time_offset=time_offset,
+                    formats=tuple(formats),
+                    plots=plots,
                 )
                 for seed in (range(seeds) if simulated else (None,))
             ]
@@ -159,11 +181,17 @@ def _recordings(patterns: Sequence[str]) -> list[str]:
         else:
             there = Path(pattern).exists()
             # `Path.glob` takes no absolute patterns.
-            matches = [pattern] if there else sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207
+            paths = [pattern] if there else sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207
+            matches = [match for path in paths for match in _of_folder(path)]
             if not matches:
                 raise RuledgraphError(f"{pattern}: no recording is there, and the pattern has none")
         found += [match for match in matches if match not in found]
     return found
+
+
+def _of_folder(path: str) -> list[str]:
+    """The recordings in a folder; anything else as it is."""
+    return [str(found) for found in recordings_in(Path(path))] if Path(path).is_dir() else [path]
 
 
 def _values(setting: str) -> list[str]:
@@ -171,5 +199,6 @@ def _values(setting: str) -> list[str]:
     return [f"{name.strip()}{equals}{value.strip()}" for value in values.split(",")]
 
 
-def _filled(text: str, recording: str) -> str:
+def filled(text: str, recording: str) -> str:
+    """A name in which `{folder}` and `{stem}` stand for the recording's."""
     return text.replace("{folder}", str(Path(recording).parent)).replace("{stem}", stem(recording))

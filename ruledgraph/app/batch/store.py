@@ -5,7 +5,6 @@
 import csv
 import json
 import shutil
-import statistics
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,8 @@ from typing import Any
 from ruledgraph.app.batch.jobs import Job
 from ruledgraph.app.batch.work import Outcome
 from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.visualization.report import write_batch_report
+from ruledgraph.visualization.report.batch import grouped
 
 _COLUMNS = (
     "run",
@@ -63,22 +64,24 @@ class Store:
             shutil.rmtree(path, ignore_errors=True)
         part.mkdir()
         for name, content in outcome.files.items():
+            (part / name).parent.mkdir(exist_ok=True)
             (part / name).write_bytes(content)
         about = {**job.as_dict(), "error": outcome.error}
         (part / "job.json").write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
         part.rename(final)
 
     def write_tables(self, jobs: Sequence[Job]) -> list[Path]:
-        """Write `table.csv`, a row for each run, and `table.md`, a row for each choice of settings
-        and recording: median, least and most over its runs.
+        """Write `table.csv`, a row for each run, and `table.md` and `report.html`, a row for each
+        choice of settings and recording: median, least and most over its runs.
         """
         rows = [self._row(job) for job in jobs if self.error(job) is not None]
-        paths = [self.folder / "table.csv", self.folder / "table.md"]
+        paths = [self.folder / name for name in ("table.csv", "table.md", "report.html")]
         with paths[0].open("w", encoding="utf-8", newline="") as file:
             writer = csv.DictWriter(file, _COLUMNS, lineterminator="\n")
             writer.writeheader()
             writer.writerows(rows)
         paths[1].write_text(_markdown(rows), encoding="utf-8")
+        write_batch_report(rows, paths[2])
         return paths
 
     def _row(self, job: Job) -> dict[str, Any]:
@@ -119,29 +122,18 @@ def _millimetres(metres: float | None) -> str | None:
 
 
 def _markdown(rows: Sequence[dict[str, Any]]) -> str:
-    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault((row["recording"], row["settings"]), []).append(row)
     lines = [
         "Median and range over the runs of a row; ATE is the RMSE after SE(3) alignment.",
         "",
         "| recording | settings | runs | failed | live ATE, mm | smoothed ATE, mm |",
         "|---|---|---:|---:|---:|---:|",
     ]
-    for (recording, settings), group in groups.items():
-        failed = sum(bool(row["error"]) for row in group)
-        shown = [_range(group, key) for key in ("ate_live_mm", "ate_smoothed_mm")]
-        cells = [recording, settings or "defaults", str(len(group)), str(failed), *shown]
+    for group in grouped(rows):
+        shown = [group.shown(key) for key in ("ate_live_mm", "ate_smoothed_mm")]
+        counts = [str(len(group.rows)), str(group.failed)]
+        cells = [group.recording, group.settings or "defaults", *counts, *shown]
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     if failures := [row for row in rows if row["error"]]:
         lines += ["", "Failed:", ""]
         lines += [f"- `{row['run']}`: {row['error']}" for row in failures]
     return "\n".join(lines) + "\n"
-
-
-def _range(group: Sequence[dict[str, Any]], key: str) -> str:
-    values = [float(row[key]) for row in group if row[key] is not None]
-    if not values:
-        return ""
-    median = f"{statistics.median(values):.1f}"
-    return median if len(values) == 1 else f"{median} ({min(values):.1f} to {max(values):.1f})"

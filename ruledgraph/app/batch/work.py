@@ -3,7 +3,8 @@
 """One run of a batch, as a worker does it: a job comes in, its results go back."""
 
 import tempfile
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from ruledgraph.app.batch.jobs import SIMULATED, Job, simulation_options, stem
 from ruledgraph.app.calibration_choice import calibration_for
 from ruledgraph.app.runner import run
 from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.measurements import Measurement
 from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
 from ruledgraph.recording import open_recording
 from ruledgraph.simulation.options import simulation_from_options
@@ -38,17 +40,24 @@ def run_job(job: Job) -> Outcome:
         output, error, summary = Path(folder, "results"), "", {}
         try:
             summary = _run(job, output, Path(folder))
+            error = "" if summary["ended"] == "complete" else str(summary["ended"])
         except RuledgraphError as problem:
             error = str(problem)
         except Exception as problem:  # noqa: BLE001 - the other runs go on
             error = f"{type(problem).__name__}: {problem}".replace("\n", " ")
-        paths = output.iterdir() if output.is_dir() else ()
-        files = {path.name: path.read_bytes() for path in paths if path.is_file()}
+        files = {
+            str(path.relative_to(output)): path.read_bytes()
+            for path in output.rglob("*")
+            if path.is_file()
+        }
     return Outcome(error, summary, files)
 
 
 def _run(job: Job, output: Path, folder: Path) -> dict[str, Any]:
     inputs = {"recording": job.recording, "ground truth": job.ground_truth or ""}
+    warnings: Callable[[], list[str]] = list
+    truth: GroundTruth | None
+    measurements: Iterator[Measurement]
     if job.recording.startswith(SIMULATED):
         scene, _, motion = stem(job.recording).partition(":")
         options = simulation_options(job.recording)
@@ -56,28 +65,44 @@ def _run(job: Job, output: Path, folder: Path) -> dict[str, Any]:
         true = simulation.ground_truth
         quaternions = Rotation.from_matrix(true.rotation).as_quat()
         truth = GroundTruth(true.stamps, true.position, quaternions)
-        return run(
-            simulation.stream(),
-            simulation.calibration,
-            job.config,
-            output,
-            ground_truth=truth,
-            inputs=inputs | {"seed": str(job.seed)},
-        )
-    path = _local(job.recording, folder)
-    source = open_recording(path)
-    files = [_local(file, folder) for file in job.calibration]
-    calibration = calibration_for(path, source, files, job.camera, job.imu)
-    known = job.ground_truth and _local(job.ground_truth, folder)
-    return run(
-        source.stream(),
+        measurements, calibration = simulation.stream(), simulation.calibration
+        inputs["seed"] = str(job.seed)
+    else:
+        path = _local(job.recording, folder)
+        source = open_recording(path, **dict(job.choice))
+        files = [_local(file, folder) for file in job.calibration]
+        calibration = calibration_for(path, source, files, job.camera, job.imu)
+        known = job.ground_truth and _local(job.ground_truth, folder)
+        truth = read_ground_truth(str(known), source) if known else None
+        measurements = source.stream()
+        inputs |= {"calibration": ", ".join(job.calibration)}
+        inputs |= {name.replace("_", " "): str(value) for name, value in job.choice}
+
+        def warnings() -> list[str]:
+            return source.report.warnings
+
+    if job.time_offset is not None:
+        calibration = replace(calibration, time_offset=job.time_offset)
+        inputs["time offset"] = str(job.time_offset)
+    pictures = None
+    if job.plots:
+        from ruledgraph.visualization.plots import PlotRecorder  # which takes long to load
+
+        pictures = PlotRecorder(calibration.camera)
+    summary = run(
+        measurements,
         calibration,
         job.config,
         output,
-        ground_truth=read_ground_truth(str(known), source) if known else None,
-        inputs=inputs | {"calibration": ", ".join(job.calibration)},
-        warnings=lambda: source.report.warnings,
+        ground_truth=truth,
+        inputs=inputs,
+        warnings=warnings,
+        formats=job.formats,
+        watch=pictures.watch if pictures is not None else None,
     )
+    if pictures is not None:
+        pictures.draw(output, truth)
+    return summary
 
 
 def _local(source: str, folder: Path) -> Path:

@@ -73,23 +73,28 @@ def write_report(
         raise ReportError(f"{output}: cannot be written: {error.strerror}") from None
 
 
-def _page(runs: Sequence[Run], truth: GroundTruth | None) -> str:
-    environment = Environment(
+def environment() -> Environment:
+    """Of the pages' templates."""
+    return Environment(
         loader=PackageLoader("ruledgraph.visualization.report", "."),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {
+
+
+def _page(runs: Sequence[Run], truth: GroundTruth | None) -> str:
+    templates = environment()
+    templates.filters |= {
         "mm": lambda metres: _fixed(metres, 1e3, 1),
         "deg": lambda degrees: _fixed(degrees, 1.0, 2),
         "duration": _duration,
     }
-    environment.filters["status_color"] = status_color
+    templates.filters["status_color"] = status_color
     entries = [_entry(i, run, truth) for i, run in enumerate(runs, start=1)]
     interactive = any(entry.trajectory for entry in entries)
-    return environment.get_template("page.html").render(
+    return templates.get_template("page.html").render(
         entries=entries,
         plotly=plotly_library() if interactive else None,
         settings=_different(runs),

@@ -64,7 +64,7 @@ def pictures(run: Run, truth: GroundTruth | None) -> tuple[list[Picture], list[s
         else:
             for name, figure in figures.items():
                 if name not in names:
-                    found[name] = Picture(_TITLES[name], _drawn(figure))
+                    found[name] = Picture(_TITLES[name], drawn(figure))
     for path in files:
         picture = _read(path, run.first_stamp)
         if picture is None:
@@ -83,7 +83,7 @@ def _error_picture(run: Run, truth: GroundTruth) -> Picture | None:
         with suppress(RuledgraphError):  # `Run.not_evaluated` says so
             estimates[name] = read_tum(run.folder / f"{file}.tum")
     figure = error_figure(estimates, truth)
-    return None if figure is None else Picture("Position error, aligned", _drawn(figure))
+    return None if figure is None else Picture("Position error, aligned", drawn(figure))
 
 
 def joint_errors(runs: Sequence[Run], truth: GroundTruth) -> Picture | None:
@@ -95,7 +95,7 @@ def joint_errors(runs: Sequence[Run], truth: GroundTruth) -> Picture | None:
     figure = error_figure(estimates, truth)
     if figure is None:
         return None
-    return Picture("Position error of the smoothed trajectories, aligned", _drawn(figure))
+    return Picture("Position error of the smoothed trajectories, aligned", drawn(figure))
 
 
 def _order(path: Path) -> tuple[int, str]:
@@ -127,7 +127,8 @@ def _read(path: Path, start: int | None) -> Picture | None:
     return Picture(f"Lines {when}", _uri("jpeg", encoded.tobytes()), narrow=True)
 
 
-def _drawn(figure: Figure) -> str:
+def drawn(figure: Figure) -> str:
+    """A figure as a data URI."""
     file = io.BytesIO()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of layouts too small for their titles

@@ -116,7 +116,8 @@ def test_what_is_kept_and_the_tables(tmp_path):
     again = Store(tmp_path)
     assert [again.error(job) for job in jobs] == ["", "", "", "it broke"]
     assert (tmp_path / jobs[0].name / "lines.csv").read_bytes() == b"line"
-    table, text = again.write_tables(jobs)
+    table, text, page = again.write_tables(jobs)
+    assert "4 runs compared" in page.read_text()
     rows = list(csv.DictReader(table.read_text().splitlines()))
     assert [row["ate_live_mm"] for row in rows] == ["4.00", "1.00", "2.00", ""]
     assert [row["error"] for row in rows] == ["", "", "", "it broke"]

@@ -1,0 +1,133 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""A sensor that stops for good: does memory stay flat, and what does the status say?
+
+    python tools/silence.py --minutes 10
+
+Eight seconds of a simulated recording are tracked; then the IMU stops, repeats its last reading, or
+the camera stops, and the other one goes on for so many minutes of stamps, fed as fast as they are
+taken, the last two seconds at their pace. Both interfaces are tried, each case in a process of its
+own. Resident memory is printed after the first minute and at the end; the exit code is 1 if it grew
+by more than 5 %.
+"""
+
+import gc
+import multiprocessing
+import resource
+import sys
+import time
+from collections.abc import Callable, Iterator
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+import numpy as np
+
+import ruledgraph
+from ruledgraph.core.measurements import Frame, ImuSample, Measurement
+from ruledgraph.simulation.options import simulation_from_options
+
+CASES = ("IMU stops", "IMU hangs", "camera stops")
+_MOST_GROWTH = 0.05
+_PACED = 2_000_000_000
+_TRACKED, _FRAME, _SAMPLE = 8.0, 33_000_000, 5_000_000
+
+
+class Found(NamedTuple):
+    """Of one case."""
+
+    before: float
+    """Resident memory after a minute of silence, MB."""
+    after: float
+    """At the end, MB."""
+    status: str
+
+
+def silence(case: str, minutes: float, start: int, last: ImuSample) -> Iterator[Frame | ImuSample]:
+    """The sensor that is left, and the readings of one that hangs."""
+    rng = np.random.default_rng(0)
+    image = np.zeros((240, 320), np.uint8)
+    for stamp in range(start, start + round(minutes * 60e9), _SAMPLE):
+        if case == "IMU hangs":
+            yield last._replace(stamp=stamp)
+        elif case == "camera stops":
+            noise = rng.normal(size=(2, 3)) * 0.01
+            yield ImuSample(stamp, last.gyroscope + noise[0], last.accelerometer + noise[1])
+        if case != "camera stops" and stamp % _FRAME < _SAMPLE:
+            yield Frame(stamp, image + np.uint8(stamp // _FRAME % 250))
+
+
+def try_case(case: str, live: bool, minutes: float) -> Found:
+    """Track, then feed what is left."""
+    simulation = simulation_from_options(
+        "noncoplanar_cluttered", "free", resolution="320x240", rate=30.0, duration=_TRACKED
+    )
+    odometry = ruledgraph.Odometry(simulation.calibration)
+    worker = ruledgraph.LiveOdometry(simulation.calibration) if live else None
+
+    def add(m: Measurement) -> None:
+        if worker is None:
+            odometry.add(m)
+            odometry.take_live(), odometry.take_smoothed(), odometry.take_lines()
+        elif isinstance(m, Frame):
+            while worker.waiting > 8 and case == "camera stops":
+                time.sleep(0.001)
+            worker.add_image(m.image, t_ns=m.stamp)
+        elif isinstance(m, ImuSample):
+            worker.add_imu(m.gyroscope, m.accelerometer, t_ns=m.stamp)
+
+    last, stamp = ImuSample(0, np.zeros(3), np.zeros(3)), simulation.epoch
+    for m in simulation.stream():
+        if isinstance(m, ImuSample):
+            last, stamp = m, m.stamp
+        add(m)
+        while worker is not None and worker.waiting > 8:
+            time.sleep(0.001)
+    before, minute, end = 0.0, stamp + 60 * 10**9, stamp + round(minutes * 60e9)
+    for m in silence(case, minutes, stamp + _SAMPLE, last):
+        if live and m.stamp > end - _PACED:
+            time.sleep((m.stamp - stamp) * 1e-9)  # its status goes by the clock
+        stamp = m.stamp
+        add(m)
+        if not before and m.stamp > minute:
+            before = _resident()
+    status = odometry.status if worker is None else worker.status
+    return Found(before, _resident(), status)
+
+
+def _resident() -> float:
+    gc.collect()
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * resource.getpagesize() / 2**20
+
+
+def _send(to: Connection, work: Callable[..., Found], *arguments: object) -> None:
+    to.send(work(*arguments))
+
+
+@click.command(help=__doc__)
+@click.option("--minutes", default=10.0, show_default=True)
+def main(minutes: float) -> None:
+    """Command line."""
+    context, grew = multiprocessing.get_context("spawn"), False
+    for live in (False, True):
+        for case in CASES:
+            ours, theirs = context.Pipe(duplex=False)
+            process = context.Process(target=_send, args=(theirs, try_case, case, live, minutes))
+            process.start()
+            theirs.close()
+            found = ours.recv()
+            process.kill()  # its live odometry waits for more
+            process.join()
+            grew = grew or found.after > (1.0 + _MOST_GROWTH) * found.before
+            name = "LiveOdometry" if live else "Odometry"
+            click.echo(
+                f"{name}, {case}: {found.before:.1f} to {found.after:.1f} MB; {found.status}"
+            )
+    if grew:
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()
