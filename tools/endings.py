@@ -37,7 +37,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # The exit code without space or memory.
 _MACHINE = 4
 # MB. With less than so much OpenBLAS tries for minutes to get some, when it is loaded.
-_MEMORY = (440.0, 500.0)
+_MEMORY = (425.0, 455.0)
 # A run that lasts longer hangs, s.
 _LIMIT = 300.0
 
@@ -73,7 +73,7 @@ def lost(ending: Ending) -> Iterator[str]:
         return  # Python itself may have been interrupted while it began
     told = [line for line in ending.errors.splitlines() if line.startswith("ruledgraph: ")]
     if "Traceback" in ending.errors or len(told) > 1:
-        yield "more than one line of error"
+        yield f"more than one line of error, the last {ending.errors.splitlines()[-1]!r}"
     summary = ending.summary
     if summary is None:
         yield "no summary"

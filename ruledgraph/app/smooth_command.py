@@ -25,7 +25,6 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from ruledgraph.app.batch.cluster import run_in_turn
 from ruledgraph.app.batch.jobs import filled, plan
 from ruledgraph.app.calibration_choice import calibration_for
 from ruledgraph.app.options import make_way
@@ -194,6 +193,8 @@ def smooth_several(
     }
     if given := next((option for option, value in of_one.items() if value), None):
         raise click.UsageError(f"{given}: goes with one recording; here are several")
+    # What a batch needs takes long to load.
+    from ruledgraph.app.batch import cluster
     from ruledgraph.app.batch_command import smooth_jobs
 
     jobs = plan(
@@ -210,7 +211,7 @@ def smooth_several(
         formats=formats,
         plots=plots,
     )
-    smooth_jobs(jobs, output or _new_folder(recordings[0]), run_in_turn, force=force)
+    smooth_jobs(jobs, output or _new_folder(recordings[0]), cluster.run_in_turn, force=force)
 
 
 def _new_folder(recording: Path) -> Path:

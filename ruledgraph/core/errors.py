@@ -31,7 +31,8 @@ def machine_error(error: BaseException, where: object = None) -> MachineError | 
     """
     if isinstance(error, MachineError):
         return error
-    if isinstance(error, MemoryError) or getattr(error, "code", 0) == _CV_NO_MEMORY:
+    in_cpp = getattr(error, "code", 0) == _CV_NO_MEMORY or "std::bad_alloc" in str(error)
+    if isinstance(error, MemoryError) or in_cpp:
         text = f" ({error})".replace("\n", " ") if str(error) else ""
         return MachineError(f"out of memory{text}: free some, or take a part by --duration")
     if isinstance(error, OSError) and error.errno in _EXHAUSTED:

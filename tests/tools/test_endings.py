@@ -28,8 +28,11 @@ def ending(folder, live=5, smoothed=5, counted=5, code=130, errors="", ended="in
     [
         ({"smoothed": 3}, "2 frames are not there smoothed"),
         ({"counted": 7}, "5 live poses, but 7 frames estimated"),
-        ({"errors": "Traceback (most recent call last):\n"}, "more than one line of error"),
-        ({"errors": "ruledgraph: a\nruledgraph: b\n"}, "more than one line of error"),
+        ({"errors": "Traceback:\nX\n"}, "more than one line of error, the last 'X'"),
+        (
+            {"errors": "ruledgraph: a\nruledgraph: b\n"},
+            "more than one line of error, the last 'ruledgraph: b'",
+        ),
         ({"smoothed": 3, "code": 4}, None),
         ({}, None),
     ],

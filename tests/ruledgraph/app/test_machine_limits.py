@@ -10,6 +10,7 @@ import threading
 from functools import partial
 from pathlib import Path
 
+import cv2
 import pytest
 from click.testing import CliRunner, Result
 
@@ -117,14 +118,16 @@ def in_process(recording: Path, out: Path) -> Result:
     return CliRunner().invoke(main, [str(a) for a in smooth(recording, "--output", out)])
 
 
-@pytest.mark.parametrize("text", ["", "std::bad_alloc"])
-def test_without_memory_what_was_written_can_be_read(recording, tmp_path, monkeypatch, text):
+@pytest.mark.parametrize(
+    "kind", [MemoryError, partial(MemoryError, "of numpy"), partial(cv2.error, "std::bad_alloc")]
+)
+def test_without_memory_what_was_written_can_be_read(recording, tmp_path, monkeypatch, kind):
     optimize, calls = Window.optimize, []
 
     def runs_out(self):
         calls.append(1)
         if len(calls) > 8:
-            raise MemoryError(text) if text else MemoryError
+            raise kind()
         return optimize(self)
 
     monkeypatch.setattr(Window, "optimize", runs_out)
