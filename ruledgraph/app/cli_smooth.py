@@ -111,7 +111,7 @@ def smooth(recordings: tuple[Path, ...], **options: Any) -> None:
     """
     # What is imported stays: the garbage collector need not look through it, now or at the end.
     gc.disable()
-    from ruledgraph.app.smooth_command import smooth_command, smooth_several
+    from ruledgraph.app.smooth_command import smooth_command
     from ruledgraph.recording import recordings_in
 
     gc.freeze()
@@ -120,5 +120,7 @@ def smooth(recordings: tuple[Path, ...], **options: Any) -> None:
         not recordings[0].is_dir() or recordings_in(recordings[0]) in ([], [recordings[0]])
     ):
         smooth_command(recordings[0], **options)
-    else:
-        smooth_several(recordings, **options)
+        return
+    from ruledgraph.app.smooth_several import smooth_several
+
+    smooth_several(recordings, **options)

@@ -6,6 +6,7 @@ import csv
 import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,6 +58,12 @@ _LINE_COLUMNS = [
 # Kept free for what is written at the end, bytes: the poses and lines of the window, and the
 # summary that says why it ended, for want of space, too.
 _RESERVE = 2**17
+
+
+def default_folder(recording: Path) -> Path:
+    """Where the results of a recording go that has no other place."""
+    time = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
+    return Path("results") / f"{recording.resolve().stem}-{time}"
 
 
 class ResultsError(RuledgraphError):

@@ -9,7 +9,6 @@ import sys
 import time as clock
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +24,10 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from ruledgraph.app.batch.jobs import filled, plan
+from ruledgraph.app.batch.jobs import filled
 from ruledgraph.app.calibration_choice import calibration_for
 from ruledgraph.app.options import make_way
+from ruledgraph.app.results import default_folder
 from ruledgraph.app.run_summary import summary_text
 from ruledgraph.app.runner import NO_ESTIMATE, Record, Solver, Watch, run
 from ruledgraph.app.runner import Progress as RunProgress
@@ -96,7 +96,7 @@ def smooth_command(
     if ground_truth:
         ground_truth = filled(ground_truth, str(recording))
     truth = read_ground_truth(ground_truth, source) if ground_truth else None
-    output = output or _new_folder(recording)
+    output = output or default_folder(recording)
     if force:
         make_way(*(path for path in (output, ros2_bag) if path is not None))
     pictures = None
@@ -159,64 +159,6 @@ def smooth_command(
         click.get_current_context().exit(_BY_SIGNAL + summary.get("signal", signal.SIGINT))
     if not summary["frames_estimated"] and summary["ended"] == "complete":
         click.get_current_context().exit(_NOTHING_ESTIMATED)
-
-
-def smooth_several(
-    recordings: Sequence[Path],
-    *,
-    output: Path | None,
-    calibration_files: Sequence[Path],
-    camera: str | None,
-    imu: str | None,
-    ground_truth: str | None,
-    config_file: Path | None,
-    settings: Sequence[str],
-    time_offset: float | None,
-    plots: bool,
-    formats: Sequence[TrajectoryFormat],
-    force: bool,
-    verbose: bool,  # noqa: ARG001 - the summaries hold all warnings
-    directrices: bool,
-    video: Path | None,
-    rerun: Path | None,
-    ros2_bag: Path | None,
-    solver: Solver,
-    **choice: Any,
-) -> None:
-    """Smooth several recordings one after the other, as a batch does."""
-    of_one = {
-        "--directrices": directrices,
-        "--video": video,
-        "--rerun": rerun,
-        "--ros2-bag": ros2_bag,
-        "--solver paper": solver == "paper",
-    }
-    if given := next((option for option, value in of_one.items() if value), None):
-        raise click.UsageError(f"{given}: goes with one recording; here are several")
-    # What a batch needs takes long to load.
-    from ruledgraph.app.batch import cluster
-    from ruledgraph.app.batch_command import smooth_jobs
-
-    jobs = plan(
-        [str(recording) for recording in recordings],
-        config_file=config_file,
-        settings=settings,
-        seeds=1,
-        calibration=[str(file) for file in calibration_files],
-        ground_truth=ground_truth,
-        camera=camera,
-        imu=imu,
-        choice=choice,
-        time_offset=time_offset,
-        formats=formats,
-        plots=plots,
-    )
-    smooth_jobs(jobs, output or _new_folder(recordings[0]), cluster.run_in_turn, force=force)
-
-
-def _new_folder(recording: Path) -> Path:
-    time = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
-    return Path("results") / f"{recording.resolve().stem}-{time}"
 
 
 def _each(watchers: Sequence[Watch]) -> Watch:

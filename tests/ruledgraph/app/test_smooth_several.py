@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from ruledgraph.app.batch import cluster
+from ruledgraph.app import smooth_several
 from ruledgraph.app.batch.work import run_job
 from ruledgraph.app.cli import main
 from ruledgraph.core.trajectory import read_tum
@@ -49,7 +49,7 @@ def run_here(monkeypatch) -> None:
         for job in jobs:
             done(job, run_job(job))
 
-    monkeypatch.setattr(cluster, "run_in_turn", in_turn)
+    monkeypatch.setattr(smooth_several, "run_in_turn", in_turn)
 
 
 def smooth(*arguments: object) -> Result:
@@ -108,7 +108,7 @@ def test_an_interrupted_one_is_run_again(folder, tmp_path, monkeypatch):
     bags = folder / "small.bag", folder / "day" / "again.bag"
     options = ("--calibration", folder / "calib.yaml", "--output", tmp_path / "out")
     with monkeypatch.context() as patch:
-        patch.setattr(cluster, "run_in_turn", interrupted)
+        patch.setattr(smooth_several, "run_in_turn", interrupted)
         first = smooth(*bags, *options)
     assert first.exit_code == 130
     assert "interrupted: the same command goes on where it was" in first.output
