@@ -73,6 +73,50 @@ def test_stamps_that_are_off_are_told():
     assert np.all(np.linalg.eigvalsh(shown(window, monitor) - 3.0 * own) > 0.0)
 
 
+@pytest.mark.parametrize("noise_times", [1.0, 2.0])
+def test_the_error_of_the_imu_at_the_truth_is_that_of_its_noise(noise_times):
+    """Rotation, position and velocity, nine in all; the bias does not change."""
+    errors = []
+    for seed in range(8):
+        window, _, _ = run(noise_times=noise_times, seed=seed)
+        motion = hand_held(np.random.default_rng(seed))
+        for node in window.nodes:
+            node.state = gtsam.NavState(motion.pose(node.time), motion.velocity(node.time))
+            node.bias = gtsam.imuBias.ConstantBias()
+        errors.append(imu_error(window, Config().integrity))
+    # Chi-square of 9 over 8 windows of 4 factors deviates by 0.75; three of them.
+    assert np.mean(errors) == pytest.approx(9.0 / noise_times**2, abs=2.3 / noise_times**2)
+
+
+def nearly_parallel(degrees: float) -> np.ndarray:
+    """Segments of which one half leans to one side by so much, the other to the other."""
+    middles, angles = MANY.mean(axis=1), np.radians(degrees) * (-1.0) ** np.arange(len(MANY))
+    along = np.column_stack([np.zeros(len(MANY)), np.cos(angles), np.sin(angles)])
+    return np.stack([middles - 0.3 * along, middles + 0.3 * along], axis=1)
+
+
+@pytest.mark.parametrize(("degrees", "is_parallel"), [(5.0, True), (15.0, False)])
+def test_lines_are_parallel_when_hardly_any_of_them_is_across(degrees, is_parallel):
+    """Of their squared directions 0.8 % and 6.7 %; the limit is 2 %."""
+    _, monitor, _ = run(segments=nearly_parallel(degrees))
+    assert monitor.parallel == is_parallel
+
+
+@pytest.mark.parametrize("elapsed", [1.5, 3.0])
+def test_along_parallel_lines_a_wrong_velocity_adds_up(elapsed):
+    """Of 0.2 m/s, as it was known when they became parallel, with tilt and bias known well."""
+    window, _, _ = run(segments=nearly_parallel(0.0))
+    of_pose, of_velocity, of_bias = window.newest.covariances
+    of_pose[:], of_bias[:] = 1e-12 * np.eye(6), 1e-12 * np.eye(6)
+    of_velocity[:] = 0.04 * np.eye(3)
+    monitor = IntegrityMonitor(Drift(), Messages(), Config())
+    for time in (0.0, elapsed):
+        window.newest.time += time
+        monitor.update(window, False)
+    sigma = np.sqrt(np.linalg.eigvalsh(shown(window, monitor))[-1])
+    assert sigma == pytest.approx(0.2 * elapsed, rel=1e-3)
+
+
 def test_parallel_lines_leave_the_motion_along_them_open():
     """Other lines are needed: covariance grows along them, and across it does not."""
     middles = MANY.mean(axis=1)
@@ -178,6 +222,21 @@ def test_covariances_grow_with_how_far_lines_are_from_their_points():
         for interval in window.intervals:
             vars(interval).update(change)
         assert line_scale(window, Config().integrity) is None
+
+
+@pytest.mark.parametrize("elapsed", [1.0, 5.0])
+def test_what_was_wrong_is_forgotten_within_seconds(elapsed):
+    """Of the velocity: the excess over the window's covariance fades with 5 s."""
+    window, monitor, _ = run()
+    for scale, later in ((3.0, 0.0), (1.0, elapsed)):
+        window.newest.time += later
+        for interval in window.intervals:
+            interval.node.time += later
+            interval.offsets = 1000 * [scale * 0.6745]
+        monitor.update(window, False)
+    state, own = window.newest.state, window.newest.covariances
+    reported = monitor.covariances(own, state.pose(), state.velocity())
+    np.testing.assert_allclose(reported[1], 9.0 * np.exp(-elapsed / 5.0) * own[1], rtol=1e-3)
 
 
 def test_a_place_that_drifts_on_is_further_off():
