@@ -67,20 +67,36 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         ),
     ),
     (
-        "integrity/monitor.py",
+        "integrity/contradictions.py",
         "integrity/test_monitor",
         (
             ("2.0 * float(np.mean(errors))", "0.2 * float(np.mean(errors))"),
             ("misfits / judged if", "0.5 * misfits / judged if"),
+            ("scale**2", "scale"),
+        ),
+    ),
+    (
+        "integrity/parallel_lines.py",
+        "integrity/test_monitor",
+        (
             ("1.0 - self._config.parallel_spread", "1.0 - 10.0 * self._config.parallel_spread"),
             ("speed * elapsed**2", "speed * elapsed"),
-            ("self._excess = max(excess, fading * self._excess)", "self._excess = excess"),
+        ),
+    ),
+    (
+        "integrity/monitor.py",
+        "integrity/test_monitor",
+        (("self._excess = max(excess, fading * self._excess)", "self._excess = excess"),),
+    ),
+    (
+        "integrity/rest_slide.py",
+        "integrity/test_monitor",
+        (
             (
                 "before, self._slide = self._slide, position",
                 "before, self._slide = self._slide, 9 * position",
             ),
             ("np.outer(self._slide, self._slide)", "np.zeros((3, 3))"),
-            ("scale**2", "scale"),
         ),
     ),
     (

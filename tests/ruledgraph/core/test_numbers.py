@@ -40,7 +40,7 @@ ALLOWED = {
     "frontend/tracker.py": {"_UNBOUNDED": "stands for infinity: beyond any image"},
     "imu/buffer.py": {"_REPEATS_KEPT": MEMORY},
     "imu/synchronizer.py": {"_UNRELATED": "chooses the words of a warning"},
-    "integrity/monitor.py": {"_MEDIAN": "of a normal distribution"},
+    "integrity/contradictions.py": {"_MEDIAN": "of a normal distribution"},
 }
 
 

@@ -10,7 +10,8 @@ from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.config import Config
 from ruledgraph.core.timing import Messages
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.integrity.monitor import IntegrityMonitor, imu_error, line_scale
+from ruledgraph.integrity.contradictions import imu_error, line_scale
+from ruledgraph.integrity.monitor import IntegrityMonitor
 from ruledgraph.integrity.segments import Drift
 from simulated_window import BODY_T_CAM, hand_held
 

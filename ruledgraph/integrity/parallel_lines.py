@@ -1,0 +1,75 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""What parallel lines leave open: the motion along them, which the IMU alone carries on."""
+
+import numpy as np
+
+from ruledgraph.backend.sliding_window import Window
+from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.config import IntegrityConfig
+from ruledgraph_factors import STANDARD_GRAVITY
+
+_G = -STANDARD_GRAVITY[2]
+
+
+class ParallelLines:
+    """How far the position along the lines may have drifted since all are parallel."""
+
+    def __init__(self, config: IntegrityConfig) -> None:
+        self._config = config
+        self._since: float | None = None
+        self._time = 0.0
+        self._along = np.zeros(3)
+        self._at_first: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def for_long(self) -> bool:
+        """Whether all lines have been parallel for long."""
+        since = self._since
+        return since is not None and self._time - since >= self._config.parallel_time
+
+    def update(self, window: Window, excess: float) -> FloatArray:
+        """Look at the window's newest state, whose covariances are too small by `excess`.
+
+        Returns:
+            What stays open of the position once the lines are no longer parallel, (3, 3), m^2.
+        """
+        self._time = window.newest.time
+        directions = directions_in_view(window)
+        values, vectors = np.linalg.eigh(directions.T @ directions / max(len(directions), 1))
+        # Too few lines are another matter, and end nothing.
+        if len(directions) < self._config.min_lines:
+            return np.zeros((3, 3))
+        if values[-1] < 1.0 - self._config.parallel_spread:
+            stays, self._since = self.covariance(), None
+            return stays
+        self._along = vectors[:, -1]
+        if self._since is None:
+            self._since = self._time
+            of_pose, of_velocity, of_bias = (excess * c for c in window.newest.covariances)
+            speed = float(self._along @ of_velocity @ self._along)
+            tilt = float(np.trace(of_pose[:3, :3])) / 2.0
+            force = float(np.linalg.eigvalsh(of_bias[:3, :3])[-1]) + _G**2 * tilt
+            self._at_first = (speed, force)
+        return np.zeros((3, 3))
+
+    def covariance(self) -> FloatArray:
+        """Of the position in the world, what they leave open by now, (3, 3), m^2."""
+        if self._since is None or not self.for_long:
+            return np.zeros((3, 3))
+        elapsed = self._time - self._since
+        speed, force = self._at_first
+        variance = speed * elapsed**2 + 0.25 * force * elapsed**4
+        return variance * np.outer(self._along, self._along)
+
+
+def directions_in_view(window: Window) -> FloatArray:
+    """Unit directions in the world of the window's lines that were seen last, (N, 3)."""
+    found = []
+    for line in window.lines.values():
+        if line.in_view:
+            direction = line.plucker[0][3:]
+            length = np.linalg.norm(direction)
+            if length > 0.0:
+                found.append(direction / length)
+    return np.array(found).reshape(-1, 3)

@@ -1,0 +1,47 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""How far the estimate moves while the body rests."""
+
+import numpy as np
+
+from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.timing import Messages
+
+
+class RestSlide:
+    """As far as the estimate moves while the body rests, it is wrong, and stays so.
+
+    Args:
+        warnings: where to tell.
+        warn_distance: from which distance, m.
+    """
+
+    def __init__(self, warnings: Messages, warn_distance: float) -> None:
+        self._warnings = warnings
+        self._warn_distance = warn_distance
+        self._rest: FloatArray | None = None
+        self._slide = np.zeros(3)
+
+    def update(self, position: FloatArray, time: float, still: bool) -> FloatArray:
+        """Take in a state's position at a time (s), and whether the body has rested until then.
+
+        Returns:
+            What stays open of the position when a rest is over, (3, 3), m^2.
+        """
+        if not still:
+            stays = self.covariance()
+            self._rest, self._slide = None, np.zeros(3)
+            return stays
+        if self._rest is None:
+            self._rest = position
+        before, self._slide = self._slide, position - self._rest
+        if np.linalg.norm(before) < self._warn_distance <= np.linalg.norm(self._slide):
+            self._warnings.append(
+                f"the estimate has moved by {np.linalg.norm(self._slide):.2f} m at "
+                f"{time:.2f} s, and the camera has not: lines may be wrong"
+            )
+        return np.zeros((3, 3))
+
+    def covariance(self) -> FloatArray:
+        """Of the position in the world, that says so, (3, 3), m^2."""
+        return np.outer(self._slide, self._slide)
