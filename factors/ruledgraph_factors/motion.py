@@ -233,6 +233,17 @@ class FrameMotion:
             for rotation, position in zip(predicted.rotation, predicted.position, strict=True)
         ]
 
+    def velocities(
+        self,
+        state: gtsam.NavState,
+        bias: gtsam.imuBias.ConstantBias,
+        gravity: ArrayLike = STANDARD_GRAVITY,
+    ) -> FloatArray:
+        """Of the body in the world at every frame, v_t = v + g t + R dv(b), (n, 3), m/s."""
+        gained = self.corrected(_bias_vector(bias))[:, 6:9] @ state.attitude().matrix().T
+        fallen = self.elapsed[:, None] * finite_array("gravity", gravity, (3,))
+        return np.asarray(state.velocity() + fallen + gained)
+
     def predict(
         self,
         rotation: FloatArray,

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Estimates as they are handed out: live, held back while a start is on trial, and smoothed."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import gtsam
 
@@ -19,6 +21,13 @@ from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.imu.propagation import propagated_covariances
 from ruledgraph.integrity.monitor import IntegrityMonitor
+
+
+class _FrameState(NamedTuple):
+    stamp: int
+    pose: gtsam.Pose3
+    velocity: FloatArray
+    covariance: FloatArray
 
 
 class EstimateReporter:
@@ -53,11 +62,18 @@ class EstimateReporter:
         self._live_by_stamp: dict[int, Estimate] = {}
         self._held = Output() if hold else None
 
-    def release(self) -> None:
-        """Hand out what was held back, and what comes from now on at once."""
+    def release(self, window: Window) -> None:
+        """Hand out what was held back, and what comes from now on at once.
+
+        Live estimates come as the window knows them by now: nobody has seen them before.
+        """
         held, self._held = self._held, None
         if held is not None:
-            self._output.put(held.take_live(), held.take_smoothed(), held.take_lines())
+            live = {estimate.stamp: estimate for estimate in held.take_live()}
+            for interval in window.intervals:
+                live |= {e.stamp: e for e in self._of_live(interval, live)}
+            self._live_by_stamp |= live
+            self._output.put(live.values(), held.take_smoothed(), held.take_lines())
 
     @property
     def _out(self) -> Output:
@@ -104,13 +120,12 @@ class EstimateReporter:
     ) -> Iterable[Estimate]:
         node = interval.node
         otherwise: Status = "degraded" if self._monitor.disagree else "tracking"
-        covariances = propagated_covariances(node, interval.motion, self._imu, self._noise)
-        frames = list(zip(interval.stamps, interval.poses(), covariances, strict=True))
-        frames = frames[interval.again :]
+        frames = self._states(interval)
         if node.index == 0:
-            frames = [(window.first_stamp, node.state.pose(), node.covariance), *frames]
-        for stamp, pose, covariance in frames:
-            live, velocity = self._live_by_stamp.pop(stamp, None), node.state.velocity()
+            first = node.state.pose(), node.state.velocity(), node.covariance
+            frames = [_FrameState(window.first_stamp, *first), *frames]
+        for stamp, pose, velocity, covariance in frames:
+            live = self._live_by_stamp.pop(stamp, None)
             yield Estimate(
                 stamp=stamp,
                 world_T_body=pose,
@@ -123,6 +138,26 @@ class EstimateReporter:
                 segment=self._segment,
                 time_offset=live.time_offset if live else time_offset,
             )
+
+    def _of_live(self, interval: Interval, live: Mapping[int, Estimate]) -> Iterable[Estimate]:
+        """Live estimates of an interval's frames, by stamp, as the window knows them by now."""
+        for stamp, pose, velocity, covariance in self._states(interval):
+            if stamp in live:
+                yield replace(
+                    live[stamp],
+                    world_T_body=pose,
+                    velocity=velocity,
+                    bias=interval.node.bias,
+                    covariances=self._monitor.covariances(blocks(covariance), pose, velocity),
+                )
+
+    def _states(self, interval: Interval) -> list[_FrameState]:
+        """Of an interval's frames, but for one that another interval has placed."""
+        node, motion = interval.node, interval.motion
+        covariances = propagated_covariances(node, motion, self._imu, self._noise)
+        velocities = motion.velocities(node.state, node.bias)
+        states = zip(interval.stamps, interval.poses(), velocities, covariances, strict=True)
+        return [_FrameState(*state) for state in states][interval.again :]
 
     def lines(self, landmarks: Iterable[Landmark]) -> None:
         """Lines that left the window."""

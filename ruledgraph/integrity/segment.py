@@ -186,7 +186,7 @@ class TrajectorySegment:
     def confirm(self) -> None:
         """The start holds."""
         self.confirmed = True
-        self._reporter.release()
+        self._reporter.release(self.window)
 
     @property
     def failure(self) -> str:
@@ -232,6 +232,6 @@ class TrajectorySegment:
             window.read_smoothed_covariances()
         self._reporter.smoothed(window, list(window.intervals), self._stages.clock.offset)
         self._reporter.lines([*window.line_map.take_retired(), *window.lines.values()])
-        self._reporter.release()
+        self._reporter.release(window)
         for recovery in window.recoveries:
             self._stages.output.recoveries.append(recovery)

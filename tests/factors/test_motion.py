@@ -75,14 +75,17 @@ def test_poses_agree_with_gtsam_predict(seed: int, rate: float, step: np.ndarray
         np.testing.assert_allclose(predicted.rotation[i], state.attitude().matrix(), atol=1e-9)
 
 
-def test_poses_are_gtsam_types_of_the_prediction() -> None:
-    motion = shaken_motion(0)
-    imu = simulate_imu(motion, 200.0, None, np.random.default_rng(0)).samples
+def test_poses_and_velocities_are_those_of_gtsams_prediction() -> None:
+    shaken = shaken_motion(0)
+    imu = simulate_imu(shaken, 200.0, None, np.random.default_rng(0)).samples
     frames = 0.4 + np.arange(1, 4) * 0.03
-    state = gtsam.NavState(*state_of(motion, 0.4))
-    poses = preintegrate_frames(imu, 0.4, frames, BIAS).poses(state, BIAS)
-    for pose, expected in zip(poses, gtsam_predictions(imu, 0.4, frames, state, BIAS), strict=True):
-        assert pose.equals(expected.pose(), 1e-9)
+    state = gtsam.NavState(*state_of(shaken, 0.4))
+    motion = preintegrate_frames(imu, 0.4, frames, BIAS)
+    expected = gtsam_predictions(imu, 0.4, frames, state, BIAS)
+    for pose, of_gtsam in zip(motion.poses(state, BIAS), expected, strict=True):
+        assert pose.equals(of_gtsam.pose(), 1e-9)
+    for velocity, of_gtsam in zip(motion.velocities(state, BIAS), expected, strict=True):
+        np.testing.assert_allclose(velocity, of_gtsam.velocity(), atol=1e-9)
 
 
 def test_times_that_differ_by_rounding_are_the_same() -> None:

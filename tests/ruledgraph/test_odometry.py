@@ -448,6 +448,38 @@ def test_frames_that_come_late_are_told_once():
     assert sum("came after a later one" in warning for warning in odometry.warnings) == 1
 
 
+def test_every_frames_velocity_is_its_own():
+    """Not that of the state before it, from which it differs by 0.3 m/s and more."""
+    stream, calibration = small_stream(moving=True)
+    _, live, smoothed = run(stream, calibration)
+    for estimates in (live, smoothed):
+        true = small_simulation(moving=True).truth(np.array([e.stamp for e in estimates]))
+        own = np.linalg.norm([e.velocity for e in estimates], axis=1)
+        off = own - np.linalg.norm(true.velocity, axis=1)
+        assert np.sqrt(np.mean(off**2)) < 0.05
+        # Within 0.2 s they would lag behind by as much as the body speeds up.
+        assert np.abs(off).max() < 0.2
+
+
+def test_what_a_trial_held_back_is_handed_out_as_the_window_knows_it_by_then():
+    stream, calibration = small_stream(moving=True)
+    odometry = Odometry(calibration)
+    released: list[Estimate] = []
+    for measurement in stream:
+        odometry.add(measurement)
+        if released := odometry.take_live():
+            break
+    assert odometry.window is not None
+    by_stamp = {estimate.stamp: estimate for estimate in released}
+    compared = 0
+    for interval in odometry.window.intervals:
+        for stamp, pose in zip(interval.stamps, interval.poses(), strict=True):
+            if stamp in by_stamp and stamp < released[-1].stamp:
+                assert by_stamp[stamp].world_T_body.equals(pose, 1e-12)
+                compared += 1
+    assert compared > 10
+
+
 def test_a_start_on_moving_things_is_taken_back(monkeypatch):
     stream, calibration = small_stream(moving=True)
     passed, calls = Trial.passed, []
