@@ -16,10 +16,10 @@ class EdgesConfig(Section):
     """Edge points: maxima of the slope across a ruling, or the paper's thresholded Sobel pixels."""
     gate: float = number(3.0, "px", 0.5, 50.0)
     """The paper's tau: how far from its predicted ruling a Sobel pixel may lie."""
-    max_lines: int = number(24, "", 2, 200)
-    """Lines followed at a time."""
-    min_length: float = number(40.0, "px", 20.0, 1e4)
-    """Shortest segment that starts a line."""
+    max_lines: int = number(60, "", 2, 200)
+    """Lines followed at a time: more than most images hold, so that none is left out."""
+    min_length: float = number(25.0, "px", 20.0, 1e4)
+    """Shortest segment that starts a line: as short as a track may become."""
     sigma_px: float = number(0.5, "px", 0.01, 20.0)
     """Standard deviation of an edge point."""
     effective_points: float = number(20.0, "", 1.0, 1e4)

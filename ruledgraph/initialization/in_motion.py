@@ -134,10 +134,8 @@ def _tried(solve: Callable[[_T], Batch], given: _T) -> Batch | None:
 def _judged(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start | Refusal:
     """The best hypothesis, if it may be believed."""
     batch, config, start = best[0], window.config, window.config.start
-    # As the window will see them.
-    sigma = config.edges.sigma_px / window.calibration.camera.focal_length
     limit = _chi_square_2(start.confidence)
-    fits = [misfit < limit for misfit in batch.misfits(sigma)]
+    fits = [misfit < limit for misfit in batch.misfits(window.sigma)]
     outliers = 1.0 - float(np.mean(np.concatenate(fits)))
     if outliers > start.outlier_share:
         return Refusal(f"only {100 * (1 - outliers):.0f} % of the lines fit a common motion")
