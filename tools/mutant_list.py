@@ -105,7 +105,10 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         (
             ("samples.gyroscope.std", "0.1 * samples.gyroscope.std"),
             ("samples.accelerometer.std", "0.1 * samples.accelerometer.std"),
-            ("< self._config.image_motion_px", "> self._config.image_motion_px"),
+            (
+                "self.image_motion(begin) < self._config.image_motion_px",
+                "self.image_motion(begin) > self._config.image_motion_px",
+            ),
             ("begin = min(begin,", "begin = max(begin,"),
         ),
     ),
