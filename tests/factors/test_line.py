@@ -33,67 +33,69 @@ def on_line(plucker: np.ndarray, point: np.ndarray) -> float:
     return float(np.linalg.norm(np.cross(point, v) - m) / np.linalg.norm(v))
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_chart_laws(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    chart, delta = random_chart(rng), random_delta(rng)
-    reference, _ = chart.plucker(np.zeros(4))
-    np.testing.assert_allclose(chart.local(reference[:3], reference[3:]), 0.0, atol=1e-9)
-    moved, _ = chart.plucker(delta)
-    assert moved[:3] @ moved[3:] == pytest.approx(0.0, abs=1e-12)
-    np.testing.assert_allclose(chart.local(moved[:3], moved[3:]), delta, atol=1e-9)
-    # Neither the scale nor the sign of Pluecker coordinates makes a difference.
-    np.testing.assert_allclose(chart.local(-3.0 * moved[:3], -3.0 * moved[3:]), delta, atol=1e-9)
+def test_chart_laws() -> None:
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        chart, delta = random_chart(rng), random_delta(rng)
+        reference, _ = chart.plucker(np.zeros(4))
+        np.testing.assert_allclose(chart.local(reference[:3], reference[3:]), 0.0, atol=1e-9)
+        moved, _ = chart.plucker(delta)
+        assert moved[:3] @ moved[3:] == pytest.approx(0.0, abs=1e-12)
+        np.testing.assert_allclose(chart.local(moved[:3], moved[3:]), delta, atol=1e-9)
+        # Neither the scale nor the sign of Pluecker coordinates makes a difference.
+        np.testing.assert_allclose(
+            chart.local(-3.0 * moved[:3], -3.0 * moved[3:]), delta, atol=1e-9
+        )
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_line_from_points_runs_through_them(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    first, second = rng.normal(size=(2, 3)) * 3.0
-    chart = LineChart.from_points(random_pose(rng), first, second)
-    plucker, _ = chart.plucker(np.zeros(4))
-    assert on_line(plucker, first) < 1e-12
-    assert on_line(plucker, second) < 1e-12
-    direction, _ = chart.direction(np.zeros(4))
-    np.testing.assert_allclose(direction, (second - first) / np.linalg.norm(second - first))
+def test_line_from_points_runs_through_them() -> None:
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        first, second = rng.normal(size=(2, 3)) * 3.0
+        chart = LineChart.from_points(random_pose(rng), first, second)
+        plucker, _ = chart.plucker(np.zeros(4))
+        assert on_line(plucker, first) < 1e-12
+        assert on_line(plucker, second) < 1e-12
+        direction, _ = chart.direction(np.zeros(4))
+        np.testing.assert_allclose(direction, (second - first) / np.linalg.norm(second - first))
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_line_from_plucker_is_that_line(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    point, direction = rng.normal(size=(2, 3))
-    moment = np.cross(point, direction)
-    chart = LineChart.from_plucker(random_pose(rng), 0.3 * moment, 0.3 * direction)
-    plucker, _ = chart.plucker(np.zeros(4))
-    assert on_line(plucker, point) < 1e-12
-    assert np.linalg.norm(np.cross(plucker[3:], direction)) < 1e-12
-    for scale in (1e-200, 1e200):
-        scaled = LineChart.from_plucker(chart.world_T_anchor, scale * moment, scale * direction)
-        np.testing.assert_allclose(scaled.plucker(np.zeros(4))[0], plucker, atol=1e-12)
+def test_line_from_plucker_is_that_line() -> None:
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        point, direction = rng.normal(size=(2, 3))
+        moment = np.cross(point, direction)
+        chart = LineChart.from_plucker(random_pose(rng), 0.3 * moment, 0.3 * direction)
+        plucker, _ = chart.plucker(np.zeros(4))
+        assert on_line(plucker, point) < 1e-12
+        assert np.linalg.norm(np.cross(plucker[3:], direction)) < 1e-12
+        for scale in (1e-200, 1e200):
+            scaled = LineChart.from_plucker(chart.world_T_anchor, scale * moment, scale * direction)
+            np.testing.assert_allclose(scaled.plucker(np.zeros(4))[0], plucker, atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_line_from_ruling_projects_to_the_ruling_at_the_distance(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    world_T_cam = random_pose(rng)
-    first, second = rng.uniform(-0.6, 0.6, size=(2, 2))
-    image_line = np.cross([*first, 1.0], [*second, 1.0])
-    middle = 0.5 * (first + second)
-    for foot in (None, middle):
-        chart = LineChart.from_ruling(world_T_cam, image_line, 0.4, foot)
-        closest, _ = chart.closest_point(np.zeros(4))
-        in_cam = world_T_cam.transformTo(closest)
-        assert np.linalg.norm(in_cam) == pytest.approx(1.0 / 0.4)
-        assert in_cam[2] > 0.0
-        projected = in_cam[:2] / in_cam[2]
-        assert abs(np.append(projected, 1.0) @ image_line) < 1e-12
-        if foot is not None:
-            np.testing.assert_allclose(projected, middle, atol=1e-12)
-        # Every other point of the line projects to the ruling, too.
-        ends, _ = chart.end_points(np.zeros(4), [-0.5, 0.5])
-        for end in ends:
-            x, y, z = world_T_cam.transformTo(end)
-            assert abs(np.array([x / z, y / z, 1.0]) @ image_line) < 1e-12
+def test_line_from_ruling_projects_to_the_ruling_at_the_distance() -> None:
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        world_T_cam = random_pose(rng)
+        first, second = rng.uniform(-0.6, 0.6, size=(2, 2))
+        image_line = np.cross([*first, 1.0], [*second, 1.0])
+        middle = 0.5 * (first + second)
+        for foot in (None, middle):
+            chart = LineChart.from_ruling(world_T_cam, image_line, 0.4, foot)
+            closest, _ = chart.closest_point(np.zeros(4))
+            in_cam = world_T_cam.transformTo(closest)
+            assert np.linalg.norm(in_cam) == pytest.approx(1.0 / 0.4)
+            assert in_cam[2] > 0.0
+            projected = in_cam[:2] / in_cam[2]
+            assert abs(np.append(projected, 1.0) @ image_line) < 1e-12
+            if foot is not None:
+                np.testing.assert_allclose(projected, middle, atol=1e-12)
+            # Every other point of the line projects to the ruling, too.
+            ends, _ = chart.end_points(np.zeros(4), [-0.5, 0.5])
+            for end in ends:
+                x, y, z = world_T_cam.transformTo(end)
+                assert abs(np.array([x / z, y / z, 1.0]) @ image_line) < 1e-12
 
 
 QUANTITIES = {
@@ -130,32 +132,34 @@ def test_distance_jacobian_by_point() -> None:
         assert distance == pytest.approx(np.linalg.norm(point - closest))
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_reanchoring_keeps_the_line_and_transports_covariance(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    chart, delta, anchor = random_chart(rng), random_delta(rng), random_pose(rng)
-    moved, jacobian = chart.reanchor(delta, anchor)
-    old, _ = chart.plucker(delta)
-    new, _ = moved.plucker(np.zeros(4))
-    scale = np.linalg.norm(old[3:]) / np.linalg.norm(new[3:])
-    np.testing.assert_allclose(new * scale, old, atol=1e-9)
+def test_reanchoring_keeps_the_line_and_transports_covariance() -> None:
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        chart, delta, anchor = random_chart(rng), random_delta(rng), random_pose(rng)
+        moved, jacobian = chart.reanchor(delta, anchor)
+        old, _ = chart.plucker(delta)
+        new, _ = moved.plucker(np.zeros(4))
+        scale = np.linalg.norm(old[3:]) / np.linalg.norm(new[3:])
+        np.testing.assert_allclose(new * scale, old, atol=1e-9)
 
-    def local_in_new(d: np.ndarray) -> np.ndarray:
-        line, _ = chart.plucker(d)
-        return moved.local(line[:3], line[3:])
+        def local_in_new(
+            d: np.ndarray, old: LineChart = chart, new: LineChart = moved
+        ) -> np.ndarray:
+            line, _ = old.plucker(d)
+            return new.local(line[:3], line[3:])
 
-    assert relative_error(jacobian, derivative(local_in_new, delta, 1e-4)) < 1e-6
-    # A covariance means the same spread of the line's 3D points in either chart.
-    covariance = np.cov(rng.normal(size=(4, 8)))
-    point = rng.normal(size=3)
-    _, by_old = chart.closest_point(delta, point)
-    _, by_new = moved.closest_point(np.zeros(4), point)
-    np.testing.assert_allclose(
-        by_new @ jacobian @ covariance @ jacobian.T @ by_new.T,
-        by_old @ covariance @ by_old.T,
-        rtol=1e-6,
-        atol=1e-9,
-    )
+        assert relative_error(jacobian, derivative(local_in_new, delta, 1e-4)) < 1e-6
+        # A covariance means the same spread of the line's 3D points in either chart.
+        covariance = np.cov(rng.normal(size=(4, 8)))
+        point = rng.normal(size=3)
+        _, by_old = chart.closest_point(delta, point)
+        _, by_new = moved.closest_point(np.zeros(4), point)
+        np.testing.assert_allclose(
+            by_new @ jacobian @ covariance @ jacobian.T @ by_new.T,
+            by_old @ covariance @ by_old.T,
+            rtol=1e-6,
+            atol=1e-9,
+        )
 
 
 def test_line_at_infinity() -> None:
@@ -255,23 +259,25 @@ def test_no_line_wraps_silently() -> None:
     assert 2000 < far < 9000
 
 
-@pytest.mark.parametrize("seed", range(30))
-def test_wrapped_and_recentred_are_the_same_line(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    chart, delta = random_chart(rng), 3.0 * rng.normal(size=4)
-    plucker, by_delta = chart.plucker(delta)
-    wrapped, by_itself = chart.wrapped(delta)
-    smallest, _ = chart.plucker(wrapped)
-    # The sign of a line's Pluecker coordinates is free.
-    np.testing.assert_allclose(np.outer(smallest, smallest), np.outer(plucker, plucker), atol=1e-9)
-    np.testing.assert_allclose(wrapped, chart.local(*np.split(plucker, 2)), atol=1e-7)
+def test_wrapped_and_recentred_are_the_same_line() -> None:
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        chart, delta = random_chart(rng), 3.0 * rng.normal(size=4)
+        plucker, by_delta = chart.plucker(delta)
+        wrapped, by_itself = chart.wrapped(delta)
+        smallest, _ = chart.plucker(wrapped)
+        # The sign of a line's Pluecker coordinates is free.
+        np.testing.assert_allclose(
+            np.outer(smallest, smallest), np.outer(plucker, plucker), atol=1e-9
+        )
+        np.testing.assert_allclose(wrapped, chart.local(*np.split(plucker, 2)), atol=1e-7)
 
-    numeric = derivative(lambda d: chart.wrapped(d)[0], delta, 1e-4)
-    assert relative_error(by_itself, numeric) < 1e-7
+        numeric = derivative(lambda d, c=chart: c.wrapped(d)[0], delta, 1e-4)
+        assert relative_error(by_itself, numeric) < 1e-7
 
-    recentred, jacobian = chart.recentred(delta)
-    assert abs(recentred.angle) <= 0.5 * np.pi
-    there, by_new = recentred.plucker(np.zeros(4))
-    sign = np.sign(there @ plucker)
-    np.testing.assert_allclose(sign * there, plucker, atol=1e-9)
-    np.testing.assert_allclose(sign * by_new @ jacobian, by_delta, atol=1e-9)
+        recentred, jacobian = chart.recentred(delta)
+        assert abs(recentred.angle) <= 0.5 * np.pi
+        there, by_new = recentred.plucker(np.zeros(4))
+        sign = np.sign(there @ plucker)
+        np.testing.assert_allclose(sign * there, plucker, atol=1e-9)
+        np.testing.assert_allclose(sign * by_new @ jacobian, by_delta, atol=1e-9)

@@ -111,8 +111,12 @@ def test_plain_samples_held_constant_agree_with_gtsam_without_our_segments() -> 
     np.testing.assert_allclose(moved.preintegrated[0, 3:6], preintegrated.deltaPij(), atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_jacobian_of_predicted_poses(seed: int) -> None:
+def test_jacobian_of_predicted_poses() -> None:
+    for seed in range(20):
+        assert_jacobian_of_prediction(seed)
+
+
+def assert_jacobian_of_prediction(seed: int) -> None:
     rng = np.random.default_rng(seed)
     motion = shaken_motion(seed)
     imu = simulate_imu(motion, 200.0, None, rng)

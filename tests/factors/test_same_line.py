@@ -27,26 +27,26 @@ def values_of(old: np.ndarray, new: np.ndarray) -> gtsam.Values:
     return values
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_the_same_line_has_no_error_to_first_order(seed):
-    rng = np.random.default_rng(seed)
-    chart, delta, anchor = random_line(rng)
-    sigma = 0.01
-    noise = noiseModel.Isotropic.Sigma(4, sigma)
-    new_chart, _ = chart.reanchor(delta, anchor)
-    factor = same_line_factor(noise, L(0), L(1), chart, delta, new_chart)
-    plucker, _ = chart.plucker(delta)
-    np.testing.assert_allclose(new_chart.local(plucker[:3], plucker[3:]), 0.0, atol=1e-9)
-    assert factor.error(values_of(delta, np.zeros(4))) == 0.0
-    for size in (1e-3, 1e-4):
-        old = delta + rng.normal(scale=size, size=4)
-        plucker, _ = chart.plucker(old)
-        new = new_chart.local(plucker[:3], plucker[3:])
-        # The chart's second derivatives are of the order of the scene's scales, some tens.
-        assert np.sqrt(2.0 * factor.error(values_of(old, new))) * sigma < 1e3 * size**2
-        off = new + rng.normal(scale=size, size=4)
-        expected = 0.5 * np.sum((off - new) ** 2) / sigma**2
-        assert factor.error(values_of(old, off)) == pytest.approx(expected, rel=2e3 * size)
+def test_the_same_line_has_no_error_to_first_order():
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        chart, delta, anchor = random_line(rng)
+        sigma = 0.01
+        noise = noiseModel.Isotropic.Sigma(4, sigma)
+        new_chart, _ = chart.reanchor(delta, anchor)
+        factor = same_line_factor(noise, L(0), L(1), chart, delta, new_chart)
+        plucker, _ = chart.plucker(delta)
+        np.testing.assert_allclose(new_chart.local(plucker[:3], plucker[3:]), 0.0, atol=1e-9)
+        assert factor.error(values_of(delta, np.zeros(4))) == 0.0
+        for size in (1e-3, 1e-4):
+            old = delta + rng.normal(scale=size, size=4)
+            plucker, _ = chart.plucker(old)
+            new = new_chart.local(plucker[:3], plucker[3:])
+            # The chart's second derivatives are of the order of the scene's scales, some tens.
+            assert np.sqrt(2.0 * factor.error(values_of(old, new))) * sigma < 1e3 * size**2
+            off = new + rng.normal(scale=size, size=4)
+            expected = 0.5 * np.sum((off - new) ** 2) / sigma**2
+            assert factor.error(values_of(old, off)) == pytest.approx(expected, rel=2e3 * size)
 
 
 def test_it_is_linear_about_the_estimate_wherever_it_is_linearised():
@@ -79,22 +79,22 @@ def test_the_covariance_travels_as_by_reanchor():
     )
 
 
-@pytest.mark.parametrize("seed", range(10))
-def test_a_recentred_chart_and_one_of_other_signs_do_as_well(seed):
-    rng = np.random.default_rng(seed)
-    chart, delta, anchor = random_line(rng)
-    noise = noiseModel.Isotropic.Sigma(4, 1.0)
-    plucker, _ = chart.plucker(delta)
-    for new_chart in (
-        chart.recentred(delta)[0],
-        LineChart.from_plucker(anchor, -plucker[:3], -plucker[3:]),
-    ):
-        factor = same_line_factor(noise, L(0), L(1), chart, delta, new_chart)
-        old = delta + rng.normal(scale=1e-4, size=4)
-        near, _ = chart.plucker(old)
-        new = new_chart.local(near[:3], near[3:])
-        residual = factor.unwhitenedError(values_of(old, new))
-        np.testing.assert_allclose(residual, 0.0, atol=1e3 * 1e-8)
+def test_a_recentred_chart_and_one_of_other_signs_do_as_well():
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        chart, delta, anchor = random_line(rng)
+        noise = noiseModel.Isotropic.Sigma(4, 1.0)
+        plucker, _ = chart.plucker(delta)
+        for new_chart in (
+            chart.recentred(delta)[0],
+            LineChart.from_plucker(anchor, -plucker[:3], -plucker[3:]),
+        ):
+            factor = same_line_factor(noise, L(0), L(1), chart, delta, new_chart)
+            old = delta + rng.normal(scale=1e-4, size=4)
+            near, _ = chart.plucker(old)
+            new = new_chart.local(near[:3], near[3:])
+            residual = factor.unwhitenedError(values_of(old, new))
+            np.testing.assert_allclose(residual, 0.0, atol=1e3 * 1e-8)
 
 
 def test_wrong_arguments_are_named():
