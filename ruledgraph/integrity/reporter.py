@@ -72,7 +72,6 @@ class EstimateReporter:
             live = {estimate.stamp: estimate for estimate in held.take_live()}
             for interval in window.intervals:
                 live |= {e.stamp: e for e in self._of_live(interval, live)}
-            self._live_by_stamp |= live
             self._output.put(live.values(), held.take_smoothed(), held.take_lines())
 
     @property
