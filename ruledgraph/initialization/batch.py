@@ -142,9 +142,9 @@ class Batch:
 
     # -- verdict ---------------------------------------------------------------------------------
 
-    def misfits(self) -> list[FloatArray]:
+    def misfits(self, sigma: float) -> list[FloatArray]:
         """See `BatchGraph.misfits`."""
-        return self._graph.misfits(self.values)
+        return self._graph.misfits(self.values, sigma)
 
     def state_covariance(self) -> FloatArray:
         """Of pose, velocity and bias at the window's start, (15, 15).

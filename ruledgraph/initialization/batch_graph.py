@@ -104,18 +104,17 @@ class BatchGraph:
             errors[i] += factor.error(values)
         return errors
 
-    def misfits(self, values: gtsam.Values) -> list[FloatArray]:
+    def misfits(self, values: gtsam.Values, sigma: float) -> list[FloatArray]:
         """How far each line's points are from its rulings, for each frame that saw it: the sum of
-        their squared distances less the scatter across their own best line, over the window's
-        `sigma` squared.
+        their squared distances less the scatter across their own best line, over `sigma` squared.
 
-        It has two degrees of freedom where that is a point's standard deviation.
+        It has two degrees of freedom where `sigma` (normalised units) is a point's deviation.
         """
         found: list[list[FloatArray]] = [[] for _ in self._charts]
         for i, factor, points in self._of_lines:
             residual = factor.unwhitenedError(values).reshape(-1, 3)
             squared = np.sum(residual * residual, axis=1) - _scatter(points.statistics)
-            found[i].append(np.maximum(squared, 0.0) / self._window.sigma**2)
+            found[i].append(np.maximum(squared, 0.0) / sigma**2)
         return [np.concatenate(own) for own in found]
 
 

@@ -135,7 +135,7 @@ def _judged(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start | R
     """The best hypothesis, if it may be believed."""
     batch, config, start = best[0], window.config, window.config.start
     limit = _chi_square_2(start.confidence)
-    fits = [misfit < limit for misfit in batch.misfits()]
+    fits = [misfit < limit for misfit in batch.misfits(window.sigma)]
     outliers = 1.0 - float(np.mean(np.concatenate(fits)))
     if outliers > start.outlier_share:
         return Refusal(f"only {100 * (1 - outliers):.0f} % of the lines fit a common motion")
