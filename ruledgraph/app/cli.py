@@ -21,7 +21,6 @@ from ruledgraph.app.options import (
     calibration_options,
     force_option,
     format_option,
-    make_way,
     recording_options,
 )
 from ruledgraph.app.settings_command import settings
@@ -139,24 +138,19 @@ def info(recording: Path, **options: Any) -> None:
 def export(recording: Path, out: Path, kind: Any, force: bool, **choice: Any) -> None:
     """Write the camera and the IMU of a RECORDING to OUT in another format.
 
-    Frames are written grey, 8 bit, without loss. OUT must not exist, but for --force.
+    Frames are written grey, 8 bit, without loss; recorded JPEGs are kept as they are. A
+    calibration in the recording is kept: as sensor.yaml in an asl folder, as camera_info and
+    /tf_static in a bag. A bag has no place for the noise figures of the IMU: they are written to
+    OUT.calib.yaml. OUT must not exist, but for --force.
 
     \b
     Examples:
       ruledgraph export flight.bag flight.mcap
       ruledgraph export flight.bag flight_euroc --format asl
     """
-    from ruledgraph.recording import kind_of, open_recording, write_recording
+    from ruledgraph.app.export_command import export_command
 
-    kind = kind_of(out, kind)
-    source = open_recording(recording, **choice)
-    if force and out.resolve() != recording.resolve():
-        make_way(out)
-    write_recording(source.stream(), out, kind)
-    for warning in source.report.warnings:
-        click.echo(f"warning: {warning}", err=True)
-    report = source.report
-    click.echo(f"{out}: {report.frames.count} frames, {report.imu.count} IMU samples")
+    export_command(recording, out, kind=kind, force=force, **choice)
 
 
 main.add_command(smooth)

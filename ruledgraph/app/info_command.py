@@ -10,7 +10,8 @@ from typing import Any
 import click
 
 from ruledgraph.app.calibration_choice import calibration_of_files
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration import TYPICAL_IMU_NOISE
+from ruledgraph.calibration.sensors import D435I_LIKE, Calibration
 from ruledgraph.diagnostics.info import inspect_recording, print_info
 
 
@@ -32,7 +33,10 @@ def info_command(
             return None
         return calibration_of_files(calibration_files or [recording], image_topic, camera, imu)
 
-    found = inspect_recording(recording, calibrate=calibrate, plots=plots, **choice)
+    noise = TYPICAL_IMU_NOISE.get(imu or "", D435I_LIKE)
+    found = inspect_recording(
+        recording, calibrate=calibrate, imu_noise=noise, plots=plots, **choice
+    )
     if as_json:
         click.echo(json.dumps(found.as_dict(), indent=2))
     else:

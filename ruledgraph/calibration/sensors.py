@@ -260,3 +260,12 @@ class Calibration:
     time_offset_exact: bool = False
     """Whether `time_offset` is exact, as of cameras that the IMU's clock triggers, and not to be
     estimated (`timeshift_exact: true` beside `timeshift_cam_imu`)."""
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """What a recording without the IMU's noise figures tells of its sensors; as `Calibration`."""
+
+    camera: CameraModel
+    body_T_cam: gtsam.Pose3
+    imu_noise: None = None

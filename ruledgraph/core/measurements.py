@@ -36,6 +36,8 @@ class Frame:
 
     stamp: int
     image: NDArray[np.uint8]
+    encoded: bytes | None = None
+    """The PNG or JPEG it was recorded as, where that is asked for."""
 
     @classmethod
     def of(cls, image: ArrayLike, *, t: float | None = None, t_ns: int | None = None) -> "Frame":

@@ -16,7 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ruledgraph.calibration import CalibrationError, camera_from_info
-from ruledgraph.calibration.sensors import Calibration, CameraModel
+from ruledgraph.calibration.sensors import D435I_LIKE, Calibration, CameraModel, ImuNoise
 from ruledgraph.core.measurements import Gap
 from ruledgraph.core.new_folder import check_empty
 from ruledgraph.diagnostics.checks import (
@@ -35,9 +35,10 @@ from ruledgraph.recording.images import Grey, decode_image
 from ruledgraph.recording.messages import UnreadableMessageError, deserialise, stamp_of
 from ruledgraph.recording.recording import Recording
 from ruledgraph.recording.report import StampRange
-from ruledgraph.recording.ros_calibration import STATIC_TRANSFORMS, recorded_camera
+from ruledgraph.recording.ros_calibration import recorded_camera
 from ruledgraph.recording.topics import (
     CAMERA_INFO,
+    STATIC_TRANSFORMS,
     ImuTopics,
     camera_info_topic,
     choose_image_topic,
@@ -126,6 +127,7 @@ def inspect_recording(
     start: float | None = None,
     duration: float | None = None,
     calibrate: Callable[[str, str | None], Calibration | None] | None = None,
+    imu_noise: ImuNoise = D435I_LIKE,
     plots: Path | None = None,
 ) -> RecordingInfo:
     """Read every stamp and IMU sample of a recording, and its first images.
@@ -142,6 +144,7 @@ def inspect_recording(
         start: s after the beginning.
         duration: s.
         calibrate: reads the calibration that is to go with a kind of recording and an image topic.
+        imu_noise: of a recording that brings the rest of its calibration along.
         plots: a new folder for a picture of the timing.
 
     Raises:
@@ -174,6 +177,11 @@ def inspect_recording(
         info.missing.append(str(error))
     container.finish()
 
+    def turning(known: Calibration) -> Iterator[Finding]:
+        # From where on it turns most.
+        stretch = Recording(open_container(path), camera, imu, seen.liveliest(start or 0.0))
+        return examine_turning(stretch.stream(), known)
+
     report = recording.report
     info.topics = [container.describe(topic) for topic in container.topics]
     if camera is not None:
@@ -190,33 +198,35 @@ def inspect_recording(
     info.bytes_lost = report.bytes_lost
     info.findings = list(examine(seen, calibration.imu_noise if calibration else None))
     if calibration is None and container.camera_infos:
-        info.findings.append(_own_calibration(Recording(open_container(path), camera, imu)))
+        found, own = _own_calibration(Recording(open_container(path), camera, imu), imu_noise)
+        info.findings.append(found)
+        if own is not None and not info.missing:
+            info.findings += turning(own)
     if calibration is not None:
         info.findings += examine_calibration(calibration, info.image_size)
         told = container.camera_info(camera) if camera is not None else None
         if told is not None:
             info.findings += examine_camera_info(calibration.camera, told)
         if not info.missing:
-            # From where on it turns most.
-            stretch = Recording(open_container(path), camera, imu, seen.liveliest(start or 0.0))
-            info.findings += examine_turning(stretch.stream(), calibration)
+            info.findings += turning(calibration)
     if plots is not None:
         info.plot = str(draw_timing(seen, plots))
     return info
 
 
-def _own_calibration(recording: Recording) -> Finding:
-    """Whether it can be smoothed without a calibration file."""
+def _own_calibration(recording: Recording, noise: ImuNoise) -> tuple[Finding, Calibration | None]:
+    """Whether it can be smoothed without a calibration file, and with what."""
     try:
-        _, body_T_cam = recorded_camera(recording)
+        camera, body_T_cam = recorded_camera(recording)
     except RecordingError as error:
-        return Finding(False, f"no calibration of its own: {error}; pass --calibration")
+        text = f"no calibration of its own: {error}; pass --calibration"
+        return Finding(False, text), None
     lever = 1e3 * float(np.linalg.norm(body_T_cam.translation()))
-    return Finding(
-        True,
+    text = (
         f"camera_info and {STATIC_TRANSFORMS} tell of the camera, {lever:.3g} mm from the IMU: "
-        "smooth needs only --imu",
+        "smooth needs only --imu"
     )
+    return Finding(True, text), Calibration(camera, body_T_cam, noise)
 
 
 def print_info(info: RecordingInfo) -> None:

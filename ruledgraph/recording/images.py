@@ -80,6 +80,22 @@ def decode_image(topic: Topic, message: RawMessage) -> Grey:
     return _decode_raw(image)
 
 
+def encoded_image(topic: Topic, message: RawMessage) -> bytes | None:
+    """The PNG or JPEG in a message that can be decoded; None for any other image."""
+    if isinstance(message.data, Path):
+        data = read_image_file(message.data)
+    elif topic.type == "sensor_msgs/msg/CompressedImage":
+        data = deserialise(topic, message.data).data.tobytes()
+    else:
+        return None
+    return data if image_suffix(data) else None
+
+
+def image_suffix(data: bytes) -> str:
+    """`png` or `jpg`, by how a file begins; empty for another one."""
+    return "png" if data.startswith(_PNG) else "jpg" if data.startswith(_JPEG) else ""
+
+
 def read_image_file(path: Path) -> bytes:
     """The contents of an image file.
 

@@ -88,17 +88,23 @@ class Recording:
         self.report = Report(damage=container.damage)
         """Of the latest pass; filled while its stream is consumed."""
 
-    def stream(self) -> Iterator[Measurement]:
+    def stream(self, *, keep_encoded: bool = False) -> Iterator[Measurement]:
         """Frames and IMU samples in the order of their stamps, in one pass.
 
         A message may come up to `REORDER_BOUND` late. Damaged, repeated and late messages are
         left out and counted in `report`. Every call begins a new pass, with a new `report`.
 
+        Args:
+            keep_encoded: frames keep the PNG or JPEG they were recorded as.
+
         Raises:
             RecordingError: when nothing usable is found, the camera's and the IMU's stamps do not
                 overlap, or the frames' size changes.
         """
-        return self.stream_with(decode_image)
+        self.report = Report(damage=self._container.damage)
+        return read_stream(
+            self._source._replace(keep_encoded=keep_encoded), decode_image, self.report
+        )
 
     def stream_with(self, decode: Decoder) -> Iterator[Measurement]:
         """As `stream`, with another way to make images of messages."""

@@ -17,10 +17,14 @@ from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.recording.container import Topic
 from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.recording import Recording
-from ruledgraph.recording.topics import CAMERA_INFO, camera_info_topic, is_rectified
+from ruledgraph.recording.topics import (
+    CAMERA_INFO,
+    STATIC_TRANSFORMS,
+    TRANSFORMS,
+    camera_info_topic,
+    is_rectified,
+)
 
-STATIC_TRANSFORMS = "/tf_static"
-_TRANSFORMS = "tf2_msgs/msg/TFMessage"
 # No robot has more frames; a quaternion further from unit is none.
 _MOST_FRAMES = 10_000
 _UNIT = 1e-3
@@ -56,7 +60,7 @@ def recorded_camera(recording: Recording) -> tuple[CameraModel, gtsam.Pose3]:
         camera = camera_from_info(info, rectified)
     except CalibrationError as error:
         raise RecordingError(f"{info_name}: {error}") from None
-    static = _named(recording, STATIC_TRANSFORMS, _TRANSFORMS)
+    static = _named(recording, STATIC_TRANSFORMS, TRANSFORMS)
     tree = _Tree(message for _, message in recording.messages(static.name))
     gyroscope, accelerometer = (
         _frame_of(topic.name, _first(recording, topic)) for topic in recording.imu_topics

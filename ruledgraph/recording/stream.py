@@ -11,7 +11,7 @@ import numpy as np
 from ruledgraph.core.measurements import Frame, ImuSample, Measurement
 from ruledgraph.recording.container import Container, RawMessage, Topic, first_of
 from ruledgraph.recording.errors import RecordingError
-from ruledgraph.recording.images import Grey
+from ruledgraph.recording.images import Grey, encoded_image
 from ruledgraph.recording.inertial import (
     Accelerometer,
     Gyroscope,
@@ -43,6 +43,8 @@ class Source(NamedTuple):
     """s after the first message."""
     duration: float | None
     """s."""
+    keep_encoded: bool = False
+    """Whether frames keep the PNG or JPEG they were recorded as."""
 
 
 def read_stream(source: Source, decode: Decoder, report: Report) -> Iterator[Measurement]:
@@ -110,7 +112,9 @@ class _Pass:
                 return self._inertial(stamped)
             image = self._decode(stamped.topic, stamped.message)
             self._check_size(image)
-            return Frame(stamped.stamp, image)
+            keep = self._source.keep_encoded
+            encoded = encoded_image(stamped.topic, stamped.message) if keep else None
+            return Frame(stamped.stamp, image, encoded)
         except UnreadableMessageError as error:
             self.drop(stamped, str(error))
             return None

@@ -12,6 +12,7 @@ from ruledgraph.recording.errors import RecordingError
 IMAGE_TYPES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", asl.IMAGE)
 IMU_TYPES = ("sensor_msgs/msg/Imu", asl.IMU)
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+STATIC_TRANSFORMS, TRANSFORMS = "/tf_static", "tf2_msgs/msg/TFMessage"
 
 
 class ImuTopics(NamedTuple):

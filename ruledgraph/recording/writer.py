@@ -11,7 +11,7 @@ from pathlib import Path
 from rosbags.rosbag1.writer import WriterError as Rosbag1Error
 from rosbags.rosbag2 import WriterError as Rosbag2Error
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.sensors import Calibration, Mounting
 from ruledgraph.core.errors import machine_error
 from ruledgraph.core.measurements import Gap, Measurement
 from ruledgraph.recording.container import Kind
@@ -28,7 +28,7 @@ def write_recording(
     out: Path,
     kind: Kind,
     *,
-    calibration: Calibration | None = None,
+    calibration: Calibration | Mounting | None = None,
     image_topic: str = "/cam0/image_raw",
     imu_topic: str = "/imu0",
     ground_truth: Iterable[GroundTruthPose] | None = None,
@@ -39,8 +39,10 @@ def write_recording(
         measurements: in time order; gaps are not written, the missing samples say it all.
         out: the file (`rosbag1`, `mcap`) or folder (`rosbag2`, an sqlite3 bag, and `asl`) to make.
         kind: the format.
-        calibration: written as CameraInfo beside the image topic, in `asl` as sensor.yaml.
-        image_topic: mono8 `sensor_msgs/Image`; `asl` writes PNG files of `cam0` instead.
+        calibration: written as CameraInfo beside the image topic and as `/tf_static`, in `asl` as
+            sensor.yaml.
+        image_topic: mono8 `sensor_msgs/Image`; `asl` writes PNG files of `cam0` instead. Frames
+            that kept their JPEG are written as that, in bags on `IMAGE_TOPIC/compressed`.
         imu_topic: `sensor_msgs/Imu`; `asl` writes `imu0`.
         ground_truth: in time order; `geometry_msgs/PoseStamped` on `/ground_truth`, in `asl`
             `state_groundtruth_estimate0/data.csv`.

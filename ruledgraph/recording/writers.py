@@ -13,16 +13,25 @@ from numpy.typing import NDArray
 from rosbags import rosbag1, rosbag2
 
 from ruledgraph.calibration.camera import kalibr_words
-from ruledgraph.calibration.sensors import Calibration, CameraModel, ImuNoise
+from ruledgraph.calibration.sensors import Calibration, CameraModel, ImuNoise, Mounting
 from ruledgraph.calibration.wide_angle import WIDE_ANGLE
 from ruledgraph.core.measurements import Frame, ImuSample
+from ruledgraph.core.trajectory import quaternion_xyzw
 from ruledgraph.recording.container import Kind
 from ruledgraph.recording.errors import RecordingError
+from ruledgraph.recording.images import image_suffix
 from ruledgraph.recording.messages import types
 from ruledgraph.recording.report import StampRange
-from ruledgraph.recording.topics import CAMERA_INFO, camera_info_topic
+from ruledgraph.recording.topics import (
+    CAMERA_INFO,
+    STATIC_TRANSFORMS,
+    TRANSFORMS,
+    camera_info_topic,
+)
 
 GROUND_TRUTH_TOPIC = "/ground_truth"
+_BODY, _CAM = "imu0", "cam0"
+_COMPRESSED = "sensor_msgs/msg/CompressedImage"
 _IMAGE, _IMU = "sensor_msgs/msg/Image", "sensor_msgs/msg/Imu"
 _POSE = "geometry_msgs/msg/PoseStamped"
 
@@ -42,7 +51,7 @@ class BagSink:
         self,
         path: Path,
         kind: Kind,
-        calibration: Calibration | None,
+        calibration: Calibration | Mounting | None,
         image_topic: str,
         imu_topic: str,
     ) -> None:
@@ -58,7 +67,8 @@ class BagSink:
         self.path = path / f"{path.name}.mcap" if kind == "mcap" else path
         """What was written, once the sink is closed."""
         self._connections: dict[str, Any] = {}
-        self._camera = calibration.camera if calibration else None
+        self._has_calibration = False
+        self._calibration = calibration
         self._image_topic = image_topic
         self._imu_topic = imu_topic
 
@@ -71,10 +81,15 @@ class BagSink:
 
     def write(self, item: Frame | ImuSample | GroundTruthPose) -> None:
         """Append it."""
+        fields: dict[str, Any]
         if isinstance(item, Frame):
-            if self._camera is not None and self._image_topic not in self._connections:
-                topic = camera_info_topic(self._image_topic)
-                self._write(item.stamp, topic, CAMERA_INFO, self._camera_info(self._camera))
+            if self._calibration is not None and not self._has_calibration:
+                self._has_calibration = True
+                self._write_calibration(item.stamp, self._calibration)
+            if item.encoded is not None and image_suffix(item.encoded) == "jpg":
+                fields = {"format": "jpeg", "data": np.frombuffer(item.encoded, np.uint8)}
+                self._write(item.stamp, f"{self._image_topic}/compressed", _COMPRESSED, fields)
+                return
             height, width = item.image.shape
             fields = {
                 "height": height,
@@ -84,7 +99,7 @@ class BagSink:
                 "step": width,
                 "data": np.ascontiguousarray(item.image).reshape(-1),
             }
-            self._write(item.stamp, self._image_topic, _IMAGE, fields, "cam0")
+            self._write(item.stamp, self._image_topic, _IMAGE, fields)
         elif isinstance(item, ImuSample):
             unknown = np.zeros(9)
             unknown[0] = -1.0  # no orientation
@@ -96,7 +111,7 @@ class BagSink:
                 "linear_acceleration": self._vector(item.accelerometer),
                 "linear_acceleration_covariance": np.zeros(9),
             }
-            self._write(item.stamp, self._imu_topic, _IMU, fields, "imu0")
+            self._write(item.stamp, self._imu_topic, _IMU, fields, _BODY)
         else:
             pose = self._new(
                 "geometry_msgs/msg/Pose",
@@ -106,16 +121,37 @@ class BagSink:
             self._write(item.stamp, GROUND_TRUTH_TOPIC, _POSE, {"pose": pose}, "world")
 
     def _write(
-        self, stamp: int, topic: str, type_name: str, fields: dict[str, Any], frame_id: str = "cam0"
+        self, stamp: int, topic: str, type_name: str, fields: dict[str, Any], frame_id: str = _CAM
     ) -> None:
+        self._send(stamp, topic, type_name, header=self._header(stamp, frame_id), **fields)
+
+    def _write_calibration(self, stamp: int, calibration: Calibration | Mounting) -> None:
+        topic = camera_info_topic(self._image_topic)
+        self._write(stamp, topic, CAMERA_INFO, self._camera_info(calibration.camera))
+        pose = calibration.body_T_cam
+        transform = self._new(
+            "geometry_msgs/msg/TransformStamped",
+            header=self._header(stamp, _BODY),
+            child_frame_id=_CAM,
+            transform=self._new(
+                "geometry_msgs/msg/Transform",
+                self._vector(pose.translation()),
+                self._new("geometry_msgs/msg/Quaternion", *map(float, quaternion_xyzw(pose))),
+            ),
+        )
+        self._send(stamp, STATIC_TRANSFORMS, TRANSFORMS, transforms=[transform])
+
+    def _header(self, stamp: int, frame_id: str) -> Any:
+        time = self._new("builtin_interfaces/msg/Time", *divmod(stamp, 10**9))
+        sequence = {"seq": 0} if self._ros1 else {}
+        return self._new("std_msgs/msg/Header", stamp=time, frame_id=frame_id, **sequence)
+
+    def _send(self, stamp: int, topic: str, type_name: str, **fields: Any) -> None:
         if topic not in self._connections:
             self._connections[topic] = self._writer.add_connection(
                 topic, type_name, typestore=self._store
             )
-        time = self._new("builtin_interfaces/msg/Time", *divmod(stamp, 10**9))
-        sequence = {"seq": 0} if self._ros1 else {}
-        header = self._new("std_msgs/msg/Header", stamp=time, frame_id=frame_id, **sequence)
-        message = self._new(type_name, header=header, **fields)
+        message = self._new(type_name, **fields)
         serialise = self._store.serialize_ros1 if self._ros1 else self._store.serialize_cdr
         self._writer.write(self._connections[topic], stamp, serialise(message, type_name))
 
@@ -166,7 +202,7 @@ _TRUTH_COLUMNS = (
 class AslSink:
     """A folder as of the EuRoC MAV dataset."""
 
-    def __init__(self, path: Path, calibration: Calibration | None) -> None:
+    def __init__(self, path: Path, calibration: Calibration | Mounting | None) -> None:
         self.path = path
         self._calibration = calibration
         self._tables: dict[str, Any] = {}
@@ -188,16 +224,17 @@ class AslSink:
             root, calibration = self.path / "mav0", self._calibration
             camera = _camera_yaml(calibration, self._stamps["cam0"].rate)
             (root / "cam0" / "sensor.yaml").write_text(camera)
-            imu = _imu_yaml(calibration.imu_noise, self._stamps["imu0"].rate)
-            (root / "imu0").mkdir(exist_ok=True)
-            (root / "imu0" / "sensor.yaml").write_text(imu)
+            if calibration.imu_noise is not None:
+                imu = _imu_yaml(calibration.imu_noise, self._stamps["imu0"].rate)
+                (root / "imu0").mkdir(exist_ok=True)
+                (root / "imu0" / "sensor.yaml").write_text(imu)
 
     def write(self, item: Frame | ImuSample | GroundTruthPose) -> None:
         """Append it; numbers are written so that reading gives back the same."""
         if isinstance(item, Frame):
-            name = f"{item.stamp}.png"
-            file = self.path / "mav0" / "cam0" / "data" / name
-            file.write_bytes(cv2.imencode(".png", item.image)[1].tobytes())
+            encoded = item.encoded or cv2.imencode(".png", item.image)[1].tobytes()
+            name = f"{item.stamp}.{image_suffix(encoded)}"
+            (self.path / "mav0" / "cam0" / "data" / name).write_bytes(encoded)
             self._row("cam0", "#timestamp [ns],filename", item.stamp, name)
             self._stamps["cam0"].add(item.stamp)
         elif isinstance(item, ImuSample):
@@ -219,7 +256,7 @@ class AslSink:
         self._tables[sensor].write(f"{stamp},{','.join(texts)}\n")
 
 
-def _camera_yaml(calibration: Calibration, rate: float) -> str:
+def _camera_yaml(calibration: Calibration | Mounting, rate: float) -> str:
     camera = calibration.camera
     words = kalibr_words(camera)
     model = "equidistant" if words.distortion_model == "equidistant" else "radial-tangential"

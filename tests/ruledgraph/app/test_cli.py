@@ -176,7 +176,7 @@ def test_an_interrupt_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ruledgraph.recording.open_recording", interrupted)
+    monkeypatch.setattr("ruledgraph.app.export_command.open_recording", interrupted)
     result = CliRunner().invoke(main, ["export", "a.bag", "b.mcap"])
     assert result.exit_code == 130
     assert result.output == "ruledgraph: interrupted\n"

@@ -322,3 +322,17 @@ def test_a_folder_brings_its_calibration_or_needs_none(tmp_path):
     code, text = info(tmp_path / "with")
     assert code == 0, text
     assert "Good     the camera is 13.9 mm from the IMU" in text
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_gyroscope_is_compared_with_a_recordings_own_calibration(tmp_path, turned):
+    stream, calibration = small_stream(moving=True)
+    if turned:
+        pose = calibration.body_T_cam.compose(gtsam.Pose3(gtsam.Rot3.Rx(np.pi / 2), np.zeros(3)))
+        calibration = dataclasses.replace(calibration, body_T_cam=pose)
+    write_recording(stream, tmp_path / "a.mcap", "mcap", calibration=calibration)
+    texts = {f.text: f.good for f in inspect_recording(tmp_path / "a.mcap").findings}
+    (own,) = [good for text, good in texts.items() if "smooth needs only --imu" in text]
+    assert own
+    assert any("gyroscope says" in text and good for text, good in texts.items()) != turned
+    assert any("another mounting" in text and not good for text, good in texts.items()) == turned

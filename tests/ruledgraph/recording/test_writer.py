@@ -81,6 +81,7 @@ def test_bags_as_others_see_them(kind: Kind, tmp_path: Path) -> None:
         assert counts == {
             "/front/image_raw": ("sensor_msgs/msg/Image", 10),
             "/front/camera_info": ("sensor_msgs/msg/CameraInfo", 1),
+            "/tf_static": ("tf2_msgs/msg/TFMessage", 1),
             "/body/imu": ("sensor_msgs/msg/Imu", 100),
             "/ground_truth": ("geometry_msgs/msg/PoseStamped", 20),
         }
@@ -97,6 +98,8 @@ def test_bags_as_others_see_them(kind: Kind, tmp_path: Path) -> None:
     np.testing.assert_array_equal(k, [10.0, 0, 7.5, 0, 11.0, 5.5, 0, 0, 1])
     np.testing.assert_array_equal(d, [*CAMERA.coefficients, 0.0])
     assert info.distortion_model == "plumb_bob"  # type: ignore[attr-defined]
+    (transform,) = by_topic["/tf_static"].transforms  # type: ignore[attr-defined]
+    assert (transform.header.frame_id, transform.child_frame_id) == ("imu0", "cam0")
     stamps = [stamp for stamp, _ in open_recording(tmp_path / name).messages("/ground_truth")]
     assert stamps == [pose.stamp for pose in TRUTH]
 
