@@ -12,7 +12,8 @@ import click
 from ruledgraph.app.calibration_choice import calibration_of_files
 from ruledgraph.calibration import TYPICAL_IMU_NOISE
 from ruledgraph.calibration.sensors import D435I_LIKE, Calibration
-from ruledgraph.diagnostics.info import inspect_recording, print_info
+from ruledgraph.diagnostics.info import inspect_recording
+from ruledgraph.diagnostics.info_text import print_info
 
 
 def info_command(

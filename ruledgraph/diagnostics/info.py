@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """`ruledgraph info`: what a recording holds, what would be used of it, what is wrong with it.
 
-`doctor` and `turning` judge it, and the calibration that is to go with it.
+`checks` and `extrinsics_check` judge it, and the calibration that is to go with it.
 """
 
 from collections.abc import Callable, Collection, Iterator
@@ -11,9 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from ruledgraph.calibration import CalibrationError, camera_from_info
 from ruledgraph.calibration.sensors import D435I_LIKE, Calibration, CameraModel, ImuNoise
@@ -46,16 +43,8 @@ from ruledgraph.recording.topics import (
     is_rectified,
 )
 
-KINDS = {
-    "rosbag1": "ROS 1 bag",
-    "rosbag2": "ROS 2 bag",
-    "mcap": "MCAP file",
-    "asl": "EuRoC (ASL) folder",
-}
 # Images decoded to see that they can be, and how large they are.
 _FIRST_IMAGES = 5
-# Columns of the table when the output is no terminal and nothing says how wide it is.
-_PIPE_WIDTH = 160
 
 
 @dataclass
@@ -229,51 +218,6 @@ def _own_calibration(recording: Recording, noise: ImuNoise) -> tuple[Finding, Ca
     return Finding(True, text), Calibration(camera, body_T_cam, noise)
 
 
-def print_info(info: RecordingInfo) -> None:
-    """Print it for people."""
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=_PIPE_WIDTH)
-
-    def line(label: str, text: str, style: str = "bold") -> None:
-        console.print(f"[{style}]{label:<8}[/] {escape(text)}", soft_wrap=True)
-
-    console.print(f"[bold]{escape(info.path)}[/]: {KINDS[info.kind]}", soft_wrap=True)
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("Topic", overflow="fold")
-    table.add_column("Type", overflow="fold")
-    for name in ("Messages", "Rate", "Longest step"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for topic in info.topics:
-        step = _milliseconds(topic.longest_step)
-        rate = f"{topic.rate:.3g} Hz"
-        table.add_row(escape(topic.name), topic.type, str(topic.messages), rate, step)
-    console.print(table)
-    console.print()
-    for label, sensor, what in (
-        ("Camera", info.camera, "images"),
-        ("IMU", info.imu, "samples"),
-    ):
-        if sensor is not None:
-            size = ""
-            if label == "Camera" and info.image_size:
-                size = ", {}x{}".format(*info.image_size)
-            line(
-                label,
-                f"{' + '.join(sensor.topics)}: {sensor.count} {what} at {sensor.rate:.3g} Hz"
-                f"{size}, longest step {_milliseconds(sensor.longest_step)}",
-            )
-    line("Overlap", f"{info.overlap:.2f} s of both")
-    for text in info.missing:
-        line("Missing", text, "bold red")
-    for text in info.warnings:
-        line("Warning", text, "yellow")
-    for finding in sorted(info.findings, key=lambda finding: not finding.good):
-        line(*("Good", finding.text) if finding.good else ("Check", finding.text, "yellow"))
-    if info.plot:
-        line("Plot", info.plot)
-
-
 class _Observed:
     """A container that keeps count of all stamps while some of its messages are read, once."""
 
@@ -350,7 +294,3 @@ def _sensor(topics: Collection[Topic], stamps: StampRange) -> SensorInfo:
         stamps.first,
         stamps.last,
     )
-
-
-def _milliseconds(seconds: float) -> str:
-    return f"{seconds * 1e3:.1f} ms"
