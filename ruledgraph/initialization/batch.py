@@ -9,6 +9,7 @@ import numpy as np
 
 from ruledgraph.backend.line_factors import compressed_points
 from ruledgraph.core.arrays import FloatArray
+from ruledgraph.initialization.batch_covariance import state_covariance
 from ruledgraph.initialization.batch_graph import (
     BIAS,
     LINES,
@@ -149,19 +150,17 @@ class Batch:
     def state_covariance(self) -> FloatArray:
         """Of pose, velocity and bias at the window's start, (15, 15).
 
-        The time offset counts as known: what it leaves open is for the window to find.
+        See `batch_covariance.state_covariance`. The time offset counts as known: what it leaves
+        open is for the window to find.
 
         Raises:
-            RuntimeError: when they are indeterminate.
+            RuntimeError, numpy.linalg.LinAlgError: when they are indeterminate.
         """
-        marginals = gtsam.Marginals(self._graph.factors, self.values)
         keys = [POSE, VELOCITY, BIAS]
-        if not self._is_timed:
-            return np.asarray(marginals.jointMarginalCovariance(keys).fullMatrix())
-        information = marginals.jointMarginalInformation(
-            [*keys, shift_key(self._window)]
-        ).fullMatrix()
-        return np.asarray(np.linalg.inv(information[:15, :15]))
+        if self._is_timed:
+            keys.append(shift_key(self._window))
+        linear = self._graph.factors.linearize(self.values)
+        return state_covariance(linear, keys, known=int(self._is_timed))
 
     def velocity_covariances(self) -> tuple[FloatArray, FloatArray]:
         """Of the velocity at the window's start and at its end, in the world, (3, 3) each."""
