@@ -112,6 +112,32 @@ class GeometricPoints:
         normal = axes[:, 0]
         return np.append(normal, -normal @ middle), middle
 
+    def without_scatter(self) -> "GeometricPoints":
+        """The same points but for their scatter across their own best line, which no line explains.
+
+        For an image line l = (n, -rho), |n| = 1, and N points with mean p whose scatter matrix has
+        the eigenvalues a >= b, the larger one along e,
+
+            |C l|^2 = N (n.p - rho)^2 + (a - b) (n.e)^2 + b.
+
+        b says nothing of the line. Without it C has two rows and a third of zeros, and the squared
+        residual of a frame, over the variance of a point, is chi-square with two degrees of
+        freedom, as robust losses and gates take it to be.
+        """
+        moments = np.einsum("nki,nkj->nij", self.statistics, self.statistics)
+        weights = moments[:, 2, 2]
+        middles = moments[:, :2, 2] / weights[:, None]
+        scatter = moments[:, :2, :2] - weights[:, None, None] * (
+            middles[:, :, None] * middles[:, None, :]
+        )
+        values, axes = np.linalg.eigh(scatter)
+        lengths = np.sqrt(np.maximum(values[:, 1] - values[:, 0], 0.0))
+        # Triangular again: the long axis turns into the rows of a QR of [mean; axis].
+        rows = np.zeros_like(self.statistics)
+        rows[:, 0, :2], rows[:, 0, 2] = np.sqrt(weights)[:, None] * middles, np.sqrt(weights)
+        rows[:, 1, :2] = lengths[:, None] * axes[:, :, 1]
+        return GeometricPoints(np.asarray(np.linalg.qr(rows, mode="r")))
+
     def residual(self, line: CameraLine) -> Residual:
         """`geometric_residual` of these points."""
         return geometric_residual(line, self.statistics)

@@ -18,7 +18,7 @@ class EdgesConfig(Section):
     """The paper's tau: how far from its predicted ruling a Sobel pixel may lie."""
     max_lines: int = number(60, "", 2, 200)
     """Lines followed at a time: more than most images hold, so that none is left out."""
-    min_length: float = number(25.0, "px", 20.0, 1e4)
+    min_length: float = number(20.0, "px", 10.0, 1e4)
     """Shortest segment that starts a line: as short as a track may become."""
     sigma_px: float = number(0.5, "px", 0.01, 20.0)
     """Standard deviation of an edge point."""
@@ -26,8 +26,9 @@ class EdgesConfig(Section):
     """The most points of that deviation a line's edge in one frame counts for."""
     bounded: bool = True
     """Whether a line is searched only where it was seen; the paper's rulings are unbounded."""
-    station_distance_px: float = number(3.0, "px", 0.5, 50.0)
-    """Distance between the places along a ruling (stations) where edge points are looked for."""
+    station_distance_px: float = number(2.0, "px", 0.5, 50.0)
+    """Distance between the places along a ruling (stations) where edge points are looked for: what
+    the image's smoothing leaves of independent noise, and enough points on the shortest line."""
     most_stations: int = number(80, "", 10, 1000)
     """Stations of a ruling at most: a long one has them further apart."""
     fewest_points: int = number(8, "", 3, 100)
@@ -101,7 +102,7 @@ class TracksConfig(Section):
     """A line that was not seen for longer is lost with the next miss."""
     search_beyond: float = number(0.06, "", 0.0, 10.0)
     """How far past its ends a line is searched, so that it can grow; share of its length."""
-    min_length_px: float = number(25.0, "px", 1.0, 1e4)
+    min_length_px: float = number(20.0, "px", 1.0, 1e4)
     """A track whose segment becomes shorter is lost."""
     duplicate_distance_px: float = number(5.0, "px", 0.0, 100.0)
     """Two segments closer than this all along may be one line ..."""

@@ -22,6 +22,7 @@ from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.sobel import search_sobel, sobel_points
 from ruledgraph.frontend.track import Segments, Track
 from ruledgraph.frontend.track_starter import TrackStarter
+from ruledgraph_factors import GeometricPoints
 
 # How far past its ends an unbounded line is searched, as a share of its length: across any image.
 _UNBOUNDED = 10.0
@@ -83,6 +84,8 @@ class Tracker:
         # As `GeometricPoints.from_frames` caps what a frame counts for.
         share = np.minimum(1.0, self._edges.effective_points / edges.counts)
         statistics = np.sqrt(share)[:, None, None] * edges.statistics
+        if tracks:
+            statistics = GeometricPoints(statistics).without_scatter().statistics
         for i, (track, points) in enumerate(zip(tracks, edges.points_of_each(), strict=True)):
             track.sightings.append(Sighting(stamp, points, statistics[i]))
 

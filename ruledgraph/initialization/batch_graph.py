@@ -106,30 +106,17 @@ class BatchGraph:
 
     def misfits(self, values: gtsam.Values, sigma: float) -> list[FloatArray]:
         """How far each line's points are from its rulings, for each frame that saw it: the sum of
-        their squared distances less the scatter across their own best line, over `sigma` squared.
+        their squared distances but for their scatter, over `sigma` squared.
 
         It has two degrees of freedom where `sigma` (normalised units) is a point's deviation.
         """
         found: list[list[FloatArray]] = [[] for _ in self._charts]
-        for i, factor, points in self._of_lines:
+        for i, factor, _ in self._of_lines:
             residual = factor.unwhitenedError(values).reshape(-1, 3)
-            squared = np.sum(residual * residual, axis=1) - _scatter(points.statistics)
-            found[i].append(np.maximum(squared, 0.0) / sigma**2)
+            found[i].append(np.sum(residual * residual, axis=1) / sigma**2)
         return [np.concatenate(own) for own in found]
 
 
 def shift_key(window: FirstWindow) -> int:
     """Of the time offset."""
     return LINES + len(window.seen)
-
-
-def _scatter(statistics: FloatArray) -> FloatArray:
-    """Weighted sum of squares of points across their own best line, by frame, (n,).
-
-    It is the least of |C l|^2 over all lines l = (n, -rho), |n| = 1: noise that says nothing of the
-    motion. With p the weighted mean it is the smaller eigenvalue of sum w (x - p)(x - p)^T.
-    """
-    moments = np.einsum("nki,nkj->nij", statistics, statistics)
-    mean = moments[:, :2, 2]
-    centred = moments[:, :2, :2] - mean[:, :, None] * mean[:, None, :] / moments[:, 2:, 2:]
-    return np.asarray(np.linalg.eigvalsh(centred)[:, 0])

@@ -70,7 +70,8 @@ class LineCheck:
                 self._misfit_since = time
                 self._warnings.append(
                     f"{misfit:.0%} of the lines do not fit the estimate at {time:.2f} s: it "
-                    "may be lost, or much of the image moves"
+                    "may be lost, time offset or extrinsics may be wrong, or much of the image "
+                    "moves"
                 )
             elif misfit < limits.agreed_misfit:
                 self._misfit_since = None

@@ -20,6 +20,39 @@ def test_statistics_equal_the_weighted_sum_over_points(count: int) -> None:
     assert np.allclose(np.tril(compressed.statistics[0], -1), 0.0)
 
 
+@pytest.mark.parametrize("count", [1, 2, 3, 40])
+def test_scatter_is_what_no_line_explains(count: int) -> None:
+    """It is the least squared distance of the points from any line, by the singular values."""
+    rng = np.random.default_rng(count)
+    points = rng.normal(size=(count, 2)) * [0.3, 1e-3] + [0.1, -0.2]
+    compressed = GeometricPoints.from_frames([points, 2.0 * points])
+    flat = compressed.without_scatter()
+    assert flat.rows == compressed.rows
+    assert flat.weight == pytest.approx(compressed.weight, rel=1e-12)
+    np.testing.assert_allclose(flat.middles(), compressed.middles(), atol=1e-12)
+    centred = points - points.mean(axis=0)
+    least = np.linalg.svd(centred, compute_uv=False)[-1] ** 2 if count > 2 else 0.0
+    for angle in rng.uniform(0.0, np.pi, 5):
+        line = np.array([np.cos(angle), np.sin(angle), rng.normal()])
+        whole, rest = (np.sum((p.statistics[0] @ line) ** 2) for p in (compressed, flat))
+        assert whole - rest == pytest.approx(least, abs=1e-9 * whole)
+    assert np.allclose(flat.statistics[:, 2], 0.0, atol=1e-12)
+
+
+def test_without_scatter_a_frame_is_chi_square_with_two_degrees_of_freedom() -> None:
+    rng, sigma = np.random.default_rng(5), 2e-3
+    along = np.linspace(-0.2, 0.2, 25)
+    frames = [
+        np.column_stack([along, 0.3 * along + 0.1 + sigma * rng.normal(size=along.size)])
+        for _ in range(2000)
+    ]
+    flat = GeometricPoints.from_frames(frames).without_scatter()
+    line = np.array([0.3, -1.0, 0.1])  # the noise is along y: distances times the norm
+    squared = np.sum((flat.statistics @ line) ** 2, axis=1) / sigma**2
+    # The mean of 2000 such squares deviates by 2 / sqrt(2000); four times that.
+    assert squared.mean() == pytest.approx(2.0, abs=0.18)
+
+
 def test_mean_distance_is_the_weighted_mean_over_all_frames() -> None:
     rng = np.random.default_rng(3)
     points = [rng.normal(size=(count, 2)) * 0.4 for count in (1, 2, 15)]

@@ -195,9 +195,9 @@ def test_a_start_is_believed_when_its_velocity_is_known_to_6_cm_per_s(monkeypatc
         assert isinstance(begun(made), Start) == is_believed
 
 
-def test_a_start_is_believed_when_a_fifth_of_the_sightings_contradicts_it(monkeypatch):
+def test_a_start_is_believed_when_a_third_of_the_sightings_contradicts_it(monkeypatch):
     made = in_motion(0)
-    for share, is_believed in ((0.15, True), (0.25, False)):
+    for share, is_believed in ((0.3, True), (0.4, False)):
 
         def misfits(_: Batch, sigma: float, share: float = share) -> list[np.ndarray]:
             assert sigma > 0.0

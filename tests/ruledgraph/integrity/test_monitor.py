@@ -68,7 +68,7 @@ def test_images_and_imu_that_agree(noise_times):
 def test_stamps_that_are_off_are_told():
     window, monitor, warnings = run(late=0.03)
     assert monitor.disagree
-    assert "check time offset" in warnings[0]
+    assert "time offset or extrinsics may be wrong" in warnings[0]
     # By the ratio of the misfit to the usual one.
     own = window.newest.covariances[0][3:, 3:]
     assert np.all(np.linalg.eigvalsh(shown(window, monitor) - 3.0 * own) > 0.0)

@@ -4,7 +4,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.starts import Run, report
+from benchmark_starts import report
+from recorded_runs import Run
 
 
 def made(begin: float, delay: float | None, ate: float | None) -> Run:
