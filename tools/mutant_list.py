@@ -149,10 +149,10 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "core/config.py",
         "initialization/test_in_motion",
         (
-            ("velocity_sigma: float = number(0.06,", "velocity_sigma: float = number(0.12,"),
-            ("velocity_sigma: float = number(0.06,", "velocity_sigma: float = number(0.03,"),
-            ("outlier_share: float = number(0.2,", "outlier_share: float = number(0.4,"),
-            ("outlier_share: float = number(0.2,", "outlier_share: float = number(0.1,"),
+            ("velocity_sigma: float = number(0.08,", "velocity_sigma: float = number(0.16,"),
+            ("velocity_sigma: float = number(0.08,", "velocity_sigma: float = number(0.04,"),
+            ("outlier_share: float = number(0.35,", "outlier_share: float = number(0.45,"),
+            ("outlier_share: float = number(0.35,", "outlier_share: float = number(0.2,"),
         ),
     ),
     (

@@ -74,7 +74,7 @@ def batch(recordings: tuple[str, ...], **options: Any) -> None:
     \b
     Examples:
       ruledgraph batch 'data/**/*.bag' --calibration calib.yaml --jobs 4 \\
-          --ground-truth '{folder}/{stem}.gt.tum' --set window.lag=1.2,1.55,2
+          --ground-truth '{folder}/{stem}.gt.tum' --set window.lag=1.5,2,2.5
       ruledgraph batch 'sim:square_cluttered:free?rate=30' --seeds 20 --output monte_carlo
       ruledgraph batch s3://bucket/a.bag --calibration calib.yaml --scheduler tcp://host:8786
     """

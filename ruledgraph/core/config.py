@@ -84,7 +84,7 @@ class StartConfig(Section):
     shortest: float = number(0.9, "s", 0.2, 10.0)
     """Shortest first window: in less time a wrong motion explains the lines too often. Where
     `window` is less, that counts."""
-    velocity_sigma: float = number(0.06, "m/s", 1e-3, 1.0)
+    velocity_sigma: float = number(0.08, "m/s", 1e-3, 1.0)
     """Accepted standard deviation of the velocity at both ends, gravity and biases being unknown:
     a few percent of a walk, and so of the scale."""
     outlier_share: float = number(0.35, "", 0.0, 0.5)
