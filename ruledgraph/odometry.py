@@ -5,14 +5,12 @@
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
-from ruledgraph.core.estimates import Status
 from ruledgraph.core.measurements import Frame, ImuSample, Measurement
 from ruledgraph.core.output import Output
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.frontend.tracker import Tracker
 from ruledgraph.imu.frame_history import EARLY
 from ruledgraph.imu.image_input import image_fault
-from ruledgraph.imu.synchronizer import Synchronizer
 from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.segment_sequence import SegmentSequence
 from ruledgraph.integrity.segment import Stages
@@ -33,29 +31,17 @@ class Odometry(Output):
     def __init__(self, calibration: Calibration, config: Config | None = None) -> None:
         super().__init__()
         self.calibration = calibration
-        config = config or Config()
-        if calibration.time_offset_exact:
-            exact = config.time_offset.model_copy(update={"estimate": False})
-            config = config.model_copy(update={"time_offset": exact})
-        self.config = config
+        self.config = config = (config or Config()).for_time_offset(calibration.time_offset_exact)
         self._stages = Stages.build(calibration, config, self)
         self._segments = SegmentSequence(calibration, config, self._stages)
-        self._stages.sensors.image_rests = self._stages.rest.image_rests
         self._kept = max(config.start.window, config.window.lag) + _SPARE
-        self._longest_silence = self._kept + config.imu.max_frame_wait
-        self._status: Status | None = None
 
     @property
     def status(self) -> str:
         """`waiting for IMU` or `waiting for images`, whichever of them stopped, by the stamps of
         the other; `initializing:` and why it did not start yet; then the last frame's `Status`.
         """
-        if sensor := self._stages.sensors.waits_for:
-            return f"waiting for {sensor}"
-        segment = self._segments.current
-        if segment is None or self._status is None:
-            return f"initializing: {self.refusal or 'no attempt to start yet'}"
-        return self._status if segment.confirmed else "initializing: the start is on trial"
+        return self._segments.status
 
     @property
     def tracker(self) -> Tracker:
@@ -67,11 +53,6 @@ class Odometry(Output):
         """The lines and states of the graph; None before a start."""
         segment = self._segments.current
         return None if segment is None else segment.window
-
-    @property
-    def refusal(self) -> str:
-        """Why the last attempt to start failed; empty after a start."""
-        return self._segments.initializer.refusal
 
     @property
     def last_believed(self) -> Ended | None:
@@ -87,8 +68,6 @@ class Odometry(Output):
     def time_offset(self) -> TimeOffset:
         """t_imu - t_cam, s, as last known; without deviation when it is not estimated."""
         return self._stages.clock.offset
-
-    # -- input -----------------------------------------------------------------------------------
 
     def add(self, measurement: Measurement) -> None:
         """A frame, an IMU sample, or a gap, which ends a segment."""
@@ -113,7 +92,7 @@ class Odometry(Output):
         while (frame := sensors.next_frame()) is not None:
             with self.timings.measured("frame"):
                 self._process(frame)
-        self._end_after_silence(sensors)
+        self._segments.end_without_frames(self._kept)
 
     def add_image(self, frame: Frame) -> None:
         """An image; it waits for the IMU, but not for ever.
@@ -137,8 +116,6 @@ class Odometry(Output):
         """Hand out what is still in the window."""
         self._segments.finish()
 
-    # -- one frame -------------------------------------------------------------------------------
-
     def _process(self, frame: Frame) -> None:
         sensors, front_end, segments = self._stages.sensors, self._stages.front_end, self._segments
         now = sensors.timed(frame)
@@ -155,7 +132,7 @@ class Odometry(Output):
         found = front_end.process(frame, now.time, segments.predicted(now), detect_every)
         lines = 0 if segment is None else sum(id_ in segment.window.lines for id_ in found)
         sensors.frames.append(now)
-        if segment is None or self._status != "still":
+        if segment is None or segments.last_status != "still":
             with self.timings.measured("clock"):
                 self.clock_search.add_image(sensors.seconds(frame.stamp), frame.image)
         if segment is None:
@@ -167,16 +144,5 @@ class Odometry(Output):
             if not segments.goes_on(segment, now):
                 return
         if segments.current is not None:
-            self._status = segments.current.report(now, lines, due)
+            segments.last_status = segments.current.report(now, lines, due)
         self._stages.forget(now.time - self._kept)
-
-    def _end_after_silence(self, sensors: Synchronizer) -> None:
-        """Without frames for so long, hand out what is left, and keep no more than a late one needs
-        to begin anew.
-        """
-        frames, before = sensors.frames, sensors.imu.latest - self._longest_silence
-        if frames and frames.last.time < before:
-            self._segments.end_after_silence(sensors.imu.latest)
-            self._segments.end()
-        if not frames:
-            sensors.imu.forget(before)

@@ -283,6 +283,12 @@ class Config(Section):
     rest: RestConfig = RestConfig()
     imu: ImuConfig = ImuConfig()
 
+    def for_time_offset(self, exact: bool) -> Self:
+        """These settings for a calibration whose time offset is exact, or not."""
+        estimate = self.time_offset.estimate and not exact
+        time_offset = self.time_offset.model_copy(update={"estimate": estimate})
+        return self.model_copy(update={"time_offset": time_offset})
+
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         lag = self.window.lag

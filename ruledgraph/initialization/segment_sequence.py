@@ -4,6 +4,7 @@
 
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
+from ruledgraph.core.estimates import Status
 from ruledgraph.core.measurements import Gap
 from ruledgraph.frontend.front_end import Predicted
 from ruledgraph.frontend.ruling_prediction import CameraMotion
@@ -22,6 +23,8 @@ class SegmentSequence:
     def __init__(self, calibration: Calibration, config: Config, stages: Stages) -> None:
         self.current: TrajectorySegment | None = None
         """None before a start, and between a segment's end and the next start."""
+        self.last_status: Status | None = None
+        """Of the last frame."""
         self.last_believed: Ended | None = None
         """The last that was known before the segment; the next one begins there."""
         self.clock_search = ClockSearch(calibration, config, stages.output.warnings)
@@ -32,6 +35,16 @@ class SegmentSequence:
         self._stages = stages
         self._trial: Trial | None = None
         self._count = 0
+
+    @property
+    def status(self) -> str:
+        """See `Odometry.status`."""
+        if sensor := self._stages.sensors.waits_for:
+            return f"waiting for {sensor}"
+        if self.current is None or self.last_status is None:
+            return f"initializing: {self.initializer.refusal or 'no attempt to start yet'}"
+        on_trial = "initializing: the start is on trial"
+        return self.last_status if self.current.confirmed else on_trial
 
     def predicted(self, now: FrameTime) -> Predicted | None:
         """The camera's motion since the last frame, and the lines of the graph; None for the first
@@ -152,6 +165,18 @@ class SegmentSequence:
             "last one ended"
         )
         self.end()
+
+    def end_without_frames(self, kept: float) -> None:
+        """Without frames for so long (s, and the wait for a late one) hand out what is left, and
+        keep no more than that one needs to begin anew.
+        """
+        sensors = self._stages.sensors
+        frames, before = sensors.frames, sensors.imu.latest - kept - self._config.imu.max_frame_wait
+        if frames and frames.last.time < before:
+            self.end_after_silence(sensors.imu.latest)
+            self.end()
+        if not frames:
+            sensors.imu.forget(before)
 
     def end(self) -> None:
         """End the segment and forget what was seen."""

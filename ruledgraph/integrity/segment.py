@@ -40,6 +40,7 @@ class Stages(NamedTuple):
         sensors = Synchronizer(calibration, output.warnings, config.imu)
         front_end = FrontEnd(calibration.camera, config.edges, config.tracks, output.timings)
         rest = RestDetector(sensors.imu, sensors.frames, front_end.image_motion, config.rest)
+        sensors.image_rests = rest.image_rests
         given = calibration.time_offset
         clock = CameraClock(sensors, given, config.time_offset, output.warnings)
         return cls(sensors, front_end, rest, clock, output)
