@@ -13,8 +13,8 @@ from ruledgraph.imu.frame_history import EARLY
 from ruledgraph.imu.image_input import image_fault
 from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.segment_sequence import SegmentSequence
+from ruledgraph.integrity.gauge import Ended
 from ruledgraph.integrity.segment import Stages
-from ruledgraph.integrity.segments import Ended
 
 # Measurements are kept this much longer than the window, s: more than a late frame needs.
 _SPARE = 0.5
@@ -55,9 +55,9 @@ class Odometry(Output):
         return None if segment is None else segment.window
 
     @property
-    def last_believed(self) -> Ended | None:
+    def last_trusted(self) -> Ended | None:
         """The last that was known before the segment; the next one begins there."""
-        return self._segments.last_believed
+        return self._segments.last_trusted
 
     @property
     def clock_search(self) -> ClockSearch:

@@ -33,7 +33,7 @@ from ruledgraph.core.settings import load_config
 from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import accuracy, alignment, matched
 from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
-from ruledgraph.integrity.segments import heading
+from ruledgraph.integrity.gauge import heading
 from ruledgraph.odometry import Odometry
 from ruledgraph.simulation import MOTIONS, Simulation
 from ruledgraph.simulation.options import simulation_from_options

@@ -48,7 +48,7 @@ from ruledgraph.core.measurements import Gap, Measurement
 from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import accuracy, matched
 from ruledgraph.evaluation.ground_truth import GroundTruth
-from ruledgraph.integrity.segments import heading
+from ruledgraph.integrity.gauge import heading
 from ruledgraph.odometry import Odometry
 from ruledgraph.recording import Report
 from ruledgraph.recording.inertial import mark_gaps

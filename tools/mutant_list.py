@@ -52,8 +52,8 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
     ),
     # Integrity.
     (
-        "integrity/segments.py",
-        "integrity/test_segments",
+        "integrity/gauge.py",
+        "integrity/test_gauge",
         (
             ("        + of_velocity * gap**2\n", ""),
             ("of_velocity * gap**2", "of_velocity * gap"),

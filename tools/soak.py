@@ -23,7 +23,7 @@ import numpy as np
 
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame
-from ruledgraph.integrity.segments import heading
+from ruledgraph.integrity.gauge import heading
 from ruledgraph.odometry import Odometry
 from ruledgraph.simulation import Simulation
 from ruledgraph.simulation.options import simulation_from_options

@@ -45,8 +45,8 @@ class Landmark:
     """Whether the latest frame saw it."""
     linearized: FloatArray = field(default_factory=lambda: np.zeros(4))
     """The delta at which the smoother holds its factors linearised."""
-    fixed: bool = False
-    """Whether the smoother has stopped to linearise it anew."""
+    linearization_frozen: bool = False
+    """Whether a neighbour was marginalised, so that the smoother no longer relinearises it."""
     points: int = 0
     bad_nodes: int = 0
     covariance_time: float = -np.inf

@@ -169,4 +169,4 @@ class LineGraphBuilder:
         update.times |= {old_key: line.last_time, key: line.last_time}
         line.covariance = by_delta @ line.covariance @ by_delta.T
         line.key, line.chart, line.delta = key, chart, np.zeros(4)
-        line.linearized, line.fixed = line.delta, False
+        line.linearized, line.linearization_frozen = line.delta, False

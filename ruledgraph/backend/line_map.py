@@ -92,7 +92,7 @@ class LineMap:
         """Give lines a new variable that have moved far from where the smoother holds them."""
         for line in self.lines.values():
             if (
-                line.fixed
+                line.linearization_frozen
                 and np.abs(line.delta - line.linearized).max() > self._config.reanchor_change
             ):
                 self._builder.reanchor(line, update)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a rest says of the states in it."""
+"""Zero-velocity and no-motion factors while the body is at rest."""
 
 from collections.abc import Sequence
 from itertools import takewhile

@@ -165,7 +165,7 @@ class Window:
             self._solver.read_covariance(interval.node)
             gone.append(interval)
             for line, factor, _, _ in interval.observations:
-                line.fixed |= factor.spec.keys[-1] == line.key
+                line.linearization_frozen |= factor.spec.keys[-1] == line.key
         self.line_map.retire(oldest)
         return gone
 

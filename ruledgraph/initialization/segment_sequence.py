@@ -13,8 +13,8 @@ from ruledgraph.imu.propagation import rotation_between
 from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.initializer import Initializer
 from ruledgraph.initialization.trial import Trial
+from ruledgraph.integrity.gauge import Ended, GaugeUncertainty, continued
 from ruledgraph.integrity.segment import Stages, TrajectorySegment
-from ruledgraph.integrity.segments import Drift, Ended, continued
 
 
 class SegmentSequence:
@@ -25,7 +25,7 @@ class SegmentSequence:
         """None before a start, and between a segment's end and the next start."""
         self.last_status: Status | None = None
         """Of the last frame."""
-        self.last_believed: Ended | None = None
+        self.last_trusted: Ended | None = None
         """The last that was known before the segment; the next one begins there."""
         self.clock_search = ClockSearch(calibration, config, stages.output.warnings)
         """Of the time offset, by how the images turn."""
@@ -75,9 +75,9 @@ class SegmentSequence:
         first = self.initializer.attempt(now)
         if first is None:
             return False
-        start, drift = first.start, Drift()
-        if self.last_believed is not None:
-            start, drift = continued(start, self.last_believed, self._config.integrity)
+        start, drift = first.start, GaugeUncertainty()
+        if self.last_trusted is not None:
+            start, drift = continued(start, self.last_trusted, self._config.integrity)
         self.current = TrajectorySegment(
             self._count,
             self._calibration,
@@ -86,7 +86,7 @@ class SegmentSequence:
             start,
             first.frames,
             drift,
-            self.last_believed,
+            self.last_trusted,
         )
         self._count += 1
         self._trial = None
@@ -189,5 +189,5 @@ class SegmentSequence:
         """Hand out what is still in the window."""
         if self.current is not None:
             self.current.finish()
-            self.last_believed = self.current.ended
+            self.last_trusted = self.current.ended
         self.current = self._trial = None

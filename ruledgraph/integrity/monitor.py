@@ -21,9 +21,9 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Covariances
 from ruledgraph.core.timing import Messages
 from ruledgraph.integrity.contradictions import ImuCheck, LineCheck
+from ruledgraph.integrity.gauge import GaugeUncertainty
 from ruledgraph.integrity.parallel_lines import ParallelLines
 from ruledgraph.integrity.rest_slide import RestSlide
-from ruledgraph.integrity.segments import Drift
 
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -37,7 +37,7 @@ class IntegrityMonitor:
         config: all settings.
     """
 
-    def __init__(self, drift: Drift, warnings: Messages, config: Config) -> None:
+    def __init__(self, drift: GaugeUncertainty, warnings: Messages, config: Config) -> None:
         self._fade_time = config.integrity.fade_time
         self._drift = drift
         self._imu = ImuCheck(warnings, config.integrity)
@@ -89,7 +89,7 @@ class IntegrityMonitor:
     def covariances(
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
     ) -> Covariances:
-        """Those of a state as the window gives them, made honest."""
+        """Marginals of a state, inflated by what contradicts them, plus the gauge's uncertainty."""
         of_pose, of_velocity, of_bias = covariances
         # Of the bias lines say little.
         times = self._lines.share + self._excess - 1.0

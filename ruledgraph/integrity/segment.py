@@ -19,10 +19,10 @@ from ruledgraph.imu.camera_clock import CameraClock
 from ruledgraph.imu.frame_history import EARLY, FrameTime
 from ruledgraph.imu.propagation import ImuPropagator
 from ruledgraph.imu.synchronizer import Synchronizer
+from ruledgraph.integrity.gauge import Ended, GaugeUncertainty
 from ruledgraph.integrity.monitor import IntegrityMonitor
 from ruledgraph.integrity.reporter import EstimateReporter
 from ruledgraph.integrity.rest import RestDetector
-from ruledgraph.integrity.segments import Drift, Ended
 
 
 class Stages(NamedTuple):
@@ -75,7 +75,7 @@ class TrajectorySegment:
         stages: Stages,
         start: Start,
         frames: Sequence[FrameTime],
-        drift: Drift,
+        drift: GaugeUncertainty,
         ended: Ended | None,
     ) -> None:
         self._config = config

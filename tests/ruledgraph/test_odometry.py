@@ -16,7 +16,7 @@ from ruledgraph.core.settings import load_config
 from ruledgraph.evaluation import alignment
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.initialization.trial import Trial
-from ruledgraph.integrity.segments import heading
+from ruledgraph.integrity.gauge import heading
 from ruledgraph.odometry import Odometry
 from ruledgraph_factors import kernel
 from small_simulation import frames, small_simulation, small_stream
@@ -524,7 +524,7 @@ def test_lines_that_contradict_the_imu_are_told_and_flagged_or_given_up():
     assert all(e.status != "degraded" for e in before)
 
 
-def test_a_lost_estimate_ends_its_segment_where_it_was_last_believed():
+def test_a_lost_estimate_ends_its_segment_where_it_was_last_trusted():
     config = load_config(None, ["integrity.lost_misfit=0.35"])
     measurements, calibration = small_stream(seed=3)
     odometry, live, smoothed = Odometry(calibration, config), [], []
@@ -538,5 +538,5 @@ def test_a_lost_estimate_ends_its_segment_where_it_was_last_believed():
     smoothed += odometry.take_smoothed()
     assert smoothed[-1].status == "degraded"
     believed = [e for e in live if e.status != "degraded"]
-    assert odometry.last_believed is not None
-    assert odometry.last_believed.pose.equals(believed[-1].world_T_body, 1e-9)
+    assert odometry.last_trusted is not None
+    assert odometry.last_trusted.pose.equals(believed[-1].world_T_body, 1e-9)

@@ -11,8 +11,8 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.timing import Messages
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.integrity.contradictions import imu_error, line_scale
+from ruledgraph.integrity.gauge import GaugeUncertainty
 from ruledgraph.integrity.monitor import IntegrityMonitor
-from ruledgraph.integrity.segments import Drift
 from simulated_window import BODY_T_CAM, hand_held
 
 
@@ -32,7 +32,7 @@ def run(segments=MANY, late: float = 0.0, noise_times: float = 1.0, seed: int = 
     calibration = type(CALIBRATION)(CALIBRATION.camera, BODY_T_CAM, noise)
     window = Window(calibration, Config(), start_of(made))
     warnings = Messages()
-    monitor = IntegrityMonitor(Drift(), warnings, Config())
+    monitor = IntegrityMonitor(GaugeUncertainty(), warnings, Config())
     stamps, times = made.stamps[1:], made.times[1:].tolist()
     for first in range(0, len(times) - 3, 3):
         part = slice(first, first + 3)
@@ -110,7 +110,7 @@ def test_along_parallel_lines_a_wrong_velocity_adds_up(elapsed):
     of_pose, of_velocity, of_bias = window.newest.covariances
     of_pose[:], of_bias[:] = 1e-12 * np.eye(6), 1e-12 * np.eye(6)
     of_velocity[:] = 0.04 * np.eye(3)
-    monitor = IntegrityMonitor(Drift(), Messages(), Config())
+    monitor = IntegrityMonitor(GaugeUncertainty(), Messages(), Config())
     for time in (0.0, elapsed):
         window.newest.time += time
         monitor.update(window, False)

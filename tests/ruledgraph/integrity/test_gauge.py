@@ -8,7 +8,7 @@ import pytest
 
 from ruledgraph.backend.start import Start
 from ruledgraph.core.config import IntegrityConfig
-from ruledgraph.integrity.segments import Drift, Ended, continued, heading
+from ruledgraph.integrity.gauge import Ended, GaugeUncertainty, continued, heading
 
 LIMITS = IntegrityConfig()
 MOUNTINGS = (gtsam.Rot3(), gtsam.Rot3.Ry(-np.pi / 2), gtsam.Rot3.Rx(-np.pi / 2))
@@ -86,7 +86,7 @@ def test_drift_in_covariances():
     rng = np.random.default_rng(0)
     pose = gtsam.Pose3(gtsam.Rot3.RzRyRx(0.5, -0.8, 2.0), np.array([3.0, 1.0, 0.5]))
     velocity, position = np.array([1.0, 2.0, 0.0]), np.diag([1e-4, 4e-4, 1e-6])
-    drift = Drift(position, 1e-4, np.array([1.0, 0.0, 0.0]))
+    drift = GaugeUncertainty(position, 1e-4, np.array([1.0, 0.0, 0.0]))
     of_pose, of_velocity, _ = drift.added(CERTAIN, pose, velocity)
     errors, changes = [], []
     for _ in range(20_000):

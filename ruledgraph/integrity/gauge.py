@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where segments begin: after the end of another one."""
+"""Position and yaw that no measurement shows, and how a segment takes them over from the last."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -26,8 +26,10 @@ def heading(ours: FloatArray, other: FloatArray) -> gtsam.Rot3:
 
 
 @dataclass(frozen=True, eq=False)
-class Drift:
-    """What is open of a world's position and heading beside what is known within it."""
+class GaugeUncertainty:
+    """Covariance of the unobservable position and yaw of a segment's world: what gaps between
+    segments and faults have left, to be added to the window's marginals.
+    """
 
     position: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
     """Covariance in the world, m^2."""
@@ -36,11 +38,13 @@ class Drift:
     about: FloatArray = field(default_factory=lambda: np.zeros(3))
     """Where the heading turns about."""
 
-    def grown(self, position: FloatArray, heading: float, about: FloatArray) -> "Drift":
+    def grown(self, position: FloatArray, heading: float, about: FloatArray) -> "GaugeUncertainty":
         """This and more of both; the heading turns about another position from now on."""
         arm = np.cross(_UP, about - self.about)
         by_heading = self.heading * np.outer(arm, arm)
-        return Drift(self.position + by_heading + position, self.heading + heading, about)
+        return GaugeUncertainty(
+            self.position + by_heading + position, self.heading + heading, about
+        )
 
     def added(
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
@@ -68,7 +72,9 @@ class Ended(NamedTuple):
     covariances: Covariances
 
 
-def continued(start: Start, ended: Ended, config: IntegrityConfig) -> tuple[Start, Drift]:
+def continued(
+    start: Start, ended: Ended, config: IntegrityConfig
+) -> tuple[Start, GaugeUncertainty]:
     """A start in the world of the segment before it, and what the gap between them leaves open.
 
     The body goes on as it moved, for a while, and keeps its heading.
@@ -89,4 +95,6 @@ def continued(start: Start, ended: Ended, config: IntegrityConfig) -> tuple[Star
     )
     up = attitude.T @ _UP
     open_heading = float(up @ of_pose[:3, :3] @ up) + (config.gap_turn_rate * gap) ** 2
-    return start.moved(gtsam.Pose3(turn, shift)), Drift(open_position, open_heading, position)
+    return start.moved(gtsam.Pose3(turn, shift)), GaugeUncertainty(
+        open_position, open_heading, position
+    )
