@@ -55,7 +55,7 @@ class BatchGraph:
         self._shift_key = None if offset is None else shift_key(window)
         self.motion = window.motion(bias, with_time=offset is not None)
         self.factors = gtsam.NonlinearFactorGraph()
-        self._of_lines: list[tuple[int, gtsam.NoiseModelFactor, GeometricPoints]] = []
+        self._of_lines: list[tuple[int, gtsam.NoiseModelFactor]] = []
         self._add_state_priors(upright)
         if offset is not None:
             known = noiseModel.Isotropic.Sigma(1, offset.sigma)
@@ -86,7 +86,7 @@ class BatchGraph:
                 )
                 factor = self._line_factor(i, noise, self.motion.select(frames[part]), points)
                 self.factors.add(factor)
-                self._of_lines.append((i, factor, points))
+                self._of_lines.append((i, factor))
 
     def _line_factor(
         self, i: int, noise: noiseModel.Base, motion: FrameMotion, points: GeometricPoints
@@ -100,7 +100,7 @@ class BatchGraph:
     def line_errors(self, values: gtsam.Values) -> FloatArray:
         """Of each line, without its prior, (N,)."""
         errors = np.zeros(len(self._charts))
-        for i, factor, _ in self._of_lines:
+        for i, factor in self._of_lines:
             errors[i] += factor.error(values)
         return errors
 
@@ -111,7 +111,7 @@ class BatchGraph:
         It has two degrees of freedom where `sigma` (normalised units) is a point's deviation.
         """
         found: list[list[FloatArray]] = [[] for _ in self._charts]
-        for i, factor, _ in self._of_lines:
+        for i, factor in self._of_lines:
             residual = factor.unwhitenedError(values).reshape(-1, 3)
             found[i].append(np.sum(residual * residual, axis=1) / sigma**2)
         return [np.concatenate(own) for own in found]

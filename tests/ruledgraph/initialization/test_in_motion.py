@@ -136,7 +136,7 @@ def test_a_start_waits_until_the_velocity_is_known():
         assert isinstance(begun(made), Start) == (sigma < 0.08)
         sigmas.append(sigma)
     # On both sides of it, so closely that neither half nor twice of it would do.
-    assert any(0.03 < sigma < 0.08 for sigma in sigmas)
+    assert any(0.04 < sigma < 0.08 for sigma in sigmas)
     assert any(0.08 < sigma < 0.16 for sigma in sigmas)
 
 
