@@ -12,9 +12,9 @@ from ruledgraph.frontend.tracker import Tracker
 from ruledgraph.imu.frame_history import EARLY
 from ruledgraph.imu.image_input import image_fault
 from ruledgraph.initialization.clock_search import ClockSearch
-from ruledgraph.initialization.segment_sequence import SegmentSequence
 from ruledgraph.integrity.gauge import Ended
-from ruledgraph.integrity.segment import Stages
+from ruledgraph.segments.sequence import SegmentSequence
+from ruledgraph.segments.stages import Stages
 
 # Measurements are kept this much longer than the window, s: more than a late frame needs.
 _SPARE = 0.5

@@ -16,6 +16,7 @@ LAYERS = (
     ("__init__",),
     ("live", "visualization", "baselines", "diagnostics", "simulation"),
     ("odometry",),
+    ("segments",),
     ("initialization",),
     ("integrity",),
     ("backend", "evaluation"),

@@ -9,12 +9,15 @@ import numpy as np
 from ruledgraph.backend.start import Start
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
+from ruledgraph.core.timing import Messages
+from ruledgraph.frontend.front_end import FrontEnd
 from ruledgraph.imu.frame_history import EARLY, FrameTime
+from ruledgraph.imu.synchronizer import Synchronizer
 from ruledgraph.initialization.at_rest import start_at_rest
 from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.in_motion import start_in_motion
 from ruledgraph.initialization.prior import Refusal
-from ruledgraph.integrity.segment import Stages
+from ruledgraph.integrity.rest import RestDetector
 
 
 class FirstFrames(NamedTuple):
@@ -25,15 +28,32 @@ class FirstFrames(NamedTuple):
 
 
 class Initializer:
-    """Tries to begin a trajectory segment from what was seen so far, at rest or in motion."""
+    """Tries to begin a trajectory segment from what was seen so far, at rest or in motion.
 
-    def __init__(self, calibration: Calibration, clock_search: ClockSearch, stages: Stages) -> None:
+    Args:
+        calibration: of camera and IMU.
+        clock_search: of the time offset, which also holds the settings.
+        sensors: the IMU samples and the times of the frames.
+        front_end: with the line tracks.
+        rest: detects whether the body is at rest.
+        warnings: where to say why an attempt failed.
+    """
+
+    def __init__(
+        self,
+        calibration: Calibration,
+        clock_search: ClockSearch,
+        sensors: Synchronizer,
+        front_end: FrontEnd,
+        rest: RestDetector,
+        warnings: Messages,
+    ) -> None:
         self._calibration = calibration
         self._clock_search = clock_search
-        self._sensors = stages.sensors
-        self._front_end = stages.front_end
-        self._rest = stages.rest
-        self._warnings = stages.output.warnings
+        self._sensors = sensors
+        self._front_end = front_end
+        self._rest = rest
+        self._warnings = warnings
         self._last_attempt = -np.inf
         self._retimed = False
         self.refusal = ""

@@ -16,7 +16,6 @@ from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.initializer import FirstFrames, Initializer
 from ruledgraph.initialization.prior import Refusal
 from ruledgraph.integrity.rest import RestDetector
-from ruledgraph.integrity.segment import Stages
 from simulated_window import hand_held
 
 
@@ -34,9 +33,10 @@ class Run:
         rest = RestDetector(
             self.sensors.imu, self.sensors.frames, lambda *_: image_motion, config.rest
         )
-        stages = Stages(self.sensors, front_end, rest, None, self.output)
         clock_search = ClockSearch(CALIBRATION, config, self.output.warnings)
-        self.initializer = Initializer(CALIBRATION, clock_search, stages)
+        self.initializer = Initializer(
+            CALIBRATION, clock_search, self.sensors, front_end, rest, self.output.warnings
+        )
         both = zip(made.stamps, made.times.tolist(), strict=True)
         self._frames = [FrameTime(stamp, time) for stamp, time in both]
 

@@ -3,7 +3,6 @@
 """A trajectory segment: from a start until the end of the recording, a gap or a failure."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import gtsam
 
@@ -13,44 +12,12 @@ from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Status
 from ruledgraph.core.line_observations import LinePrediction
-from ruledgraph.core.output import Output
-from ruledgraph.frontend.front_end import FrontEnd
-from ruledgraph.imu.camera_clock import CameraClock
 from ruledgraph.imu.frame_history import EARLY, FrameTime
 from ruledgraph.imu.propagation import ImuPropagator
-from ruledgraph.imu.synchronizer import Synchronizer
 from ruledgraph.integrity.gauge import Ended, GaugeUncertainty
 from ruledgraph.integrity.monitor import IntegrityMonitor
-from ruledgraph.integrity.reporter import EstimateReporter
-from ruledgraph.integrity.rest import RestDetector
-
-
-class Stages(NamedTuple):
-    """The stages that serve all segments."""
-
-    sensors: Synchronizer
-    front_end: FrontEnd
-    rest: RestDetector
-    clock: CameraClock
-    output: Output
-
-    @classmethod
-    def build(cls, calibration: Calibration, config: Config, output: Output) -> "Stages":
-        """Those of an odometry with this output."""
-        sensors = Synchronizer(calibration, output.warnings, config.imu)
-        front_end = FrontEnd(calibration.camera, config.edges, config.tracks, output.timings)
-        rest = RestDetector(sensors.imu, sensors.frames, front_end.image_motion, config.rest)
-        sensors.image_rests = rest.image_rests
-        given = calibration.time_offset
-        clock = CameraClock(sensors, given, config.time_offset, output.warnings)
-        return cls(sensors, front_end, rest, clock, output)
-
-    def forget(self, before: float) -> None:
-        """Drop lost tracks, and what was measured before a time, s."""
-        self.sensors.frames.forget(before)
-        self.sensors.imu.forget(before)
-        if self.sensors.frames:
-            self.front_end.drop_lost(self.sensors.frames.first.stamp)
+from ruledgraph.segments.reporter import EstimateReporter
+from ruledgraph.segments.stages import Stages
 
 
 class TrajectorySegment:

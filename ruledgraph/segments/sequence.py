@@ -14,7 +14,8 @@ from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.initializer import Initializer
 from ruledgraph.initialization.trial import Trial
 from ruledgraph.integrity.gauge import Ended, GaugeUncertainty, continued
-from ruledgraph.integrity.segment import Stages, TrajectorySegment
+from ruledgraph.segments.segment import TrajectorySegment
+from ruledgraph.segments.stages import Stages
 
 
 class SegmentSequence:
@@ -29,7 +30,14 @@ class SegmentSequence:
         """The last that was known before the segment; the next one begins there."""
         self.clock_search = ClockSearch(calibration, config, stages.output.warnings)
         """Of the time offset, by how the images turn."""
-        self.initializer = Initializer(calibration, self.clock_search, stages)
+        self.initializer = Initializer(
+            calibration,
+            self.clock_search,
+            stages.sensors,
+            stages.front_end,
+            stages.rest,
+            stages.output.warnings,
+        )
         self._calibration = calibration
         self._config = config
         self._stages = stages

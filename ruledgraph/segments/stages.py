@@ -1,0 +1,41 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The stages that process a frame before and after the graph, made once for all segments."""
+
+from typing import NamedTuple
+
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.config import Config
+from ruledgraph.core.output import Output
+from ruledgraph.frontend.front_end import FrontEnd
+from ruledgraph.imu.camera_clock import CameraClock
+from ruledgraph.imu.synchronizer import Synchronizer
+from ruledgraph.integrity.rest import RestDetector
+
+
+class Stages(NamedTuple):
+    """The stages that serve all segments."""
+
+    sensors: Synchronizer
+    front_end: FrontEnd
+    rest: RestDetector
+    clock: CameraClock
+    output: Output
+
+    @classmethod
+    def build(cls, calibration: Calibration, config: Config, output: Output) -> "Stages":
+        """Those of an odometry with this output."""
+        sensors = Synchronizer(calibration, output.warnings, config.imu)
+        front_end = FrontEnd(calibration.camera, config.edges, config.tracks, output.timings)
+        rest = RestDetector(sensors.imu, sensors.frames, front_end.image_motion, config.rest)
+        sensors.image_rests = rest.image_rests
+        given = calibration.time_offset
+        clock = CameraClock(sensors, given, config.time_offset, output.warnings)
+        return cls(sensors, front_end, rest, clock, output)
+
+    def forget(self, before: float) -> None:
+        """Drop lost tracks, and what was measured before a time, s."""
+        self.sensors.frames.forget(before)
+        self.sensors.imu.forget(before)
+        if self.sensors.frames:
+            self.front_end.drop_lost(self.sensors.frames.first.stamp)
