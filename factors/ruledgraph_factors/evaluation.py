@@ -28,15 +28,15 @@ def evaluation(spec: RuledSurfaceSpec, write: Write | None = None) -> Evaluate:
 
     def evaluate(state: State, want_jacobian: bool) -> Residual:
         value = np.empty(spec.points.rows)
-        jacobian = jacobian_room(spec) if want_jacobian else None
+        jacobian = jacobian_buffer(spec) if want_jacobian else None
         write(state, value, jacobian)
         return Residual(value, jacobian)
 
     return evaluate
 
 
-def jacobian_room(spec: RuledSurfaceSpec) -> FloatArray:
-    """Room for a Jacobian, without meaning."""
+def jacobian_buffer(spec: RuledSurfaceSpec) -> FloatArray:
+    """An uninitialised array for a Jacobian."""
     columns = COLUMNS if spec.motion.time_jacobian is None else COLUMNS_WITH_TIME
     return np.empty((spec.points.rows, columns), order="F")
 

@@ -12,7 +12,7 @@ from ruledgraph_factors.evaluation import (
     Write,
     by_extrinsics,
     evaluation,
-    jacobian_room,
+    jacobian_buffer,
     writing,
 )
 from ruledgraph_factors.factor_spec import ErrorFunction, SpecFactor
@@ -48,15 +48,15 @@ class RuledSurfaceFactor(SpecFactor):
         """The residual, and its Jacobian if asked for, at any state, without a graph."""
 
 
-class _Room(NamedTuple):
-    """For a Jacobian, and views of it: the columns of each key."""
+class _Buffer(NamedTuple):
+    """A Jacobian, and views of the columns of each key."""
 
     jacobian: FloatArray
     blocks: list[FloatArray]
 
     @classmethod
-    def of(cls, spec: RuledSurfaceSpec) -> "_Room":
-        jacobian = jacobian_room(spec)
+    def of(cls, spec: RuledSurfaceSpec) -> "_Buffer":
+        jacobian = jacobian_buffer(spec)
         return cls(jacobian, [jacobian[:, columns] for columns in _COLUMNS[spec.form]])
 
 
@@ -67,8 +67,8 @@ class _RuledSurfaceError(ErrorFunction):
         super().__init__(spec)
         self.write: Write = writing(spec)
         self._magnitude = float(np.linalg.norm(spec.gravity))
-        # GTSAM copies the blocks, so that they serve again; not while another thread has them.
-        self._rooms: list[_Room] = []
+        # GTSAM copies the blocks, so buffers are reused; a thread takes one out while it works.
+        self._buffers: list[_Buffer] = []
 
     def error(
         self, keys: list[int], values: gtsam.Values, H: list[FloatArray] | None
@@ -84,18 +84,18 @@ class _RuledSurfaceError(ErrorFunction):
             write(state, value, None)
             return value
         try:
-            room = self._rooms.pop()
+            buffer = self._buffers.pop()
         except IndexError:
-            room = _Room.of(spec)
-        write(state, value, room.jacobian)
-        for i, block in enumerate(room.blocks):
+            buffer = _Buffer.of(spec)
+        write(state, value, buffer.jacobian)
+        for i, block in enumerate(buffer.blocks):
             H[i] = block
         if spec.form == "node_gravity_direction":
             basis = values.atUnit3(keys[3]).basis()
-            H[3] = np.asfortranarray(room.blocks[3] @ (self._magnitude * basis))
+            H[3] = np.asfortranarray(buffer.blocks[3] @ (self._magnitude * basis))
         elif extrinsics is not None:
-            H[len(keys) - 2] = by_extrinsics(spec, state.bias, room.blocks[0], extrinsics)
-        self._rooms.append(room)
+            H[len(keys) - 2] = by_extrinsics(spec, state.bias, buffer.blocks[0], extrinsics)
+        self._buffers.append(buffer)
         return value
 
 

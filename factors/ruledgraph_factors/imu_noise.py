@@ -38,7 +38,7 @@ def with_imu_noise(
 ) -> RuledSurfaceFactor:
     """The same factor with the IMU's noise between its state and its frames in the noise model.
 
-    Worth its while where edges are sharp and states are far apart: see EMBEDDING.md. The covariance
+    Useful where edges are sharp and states are far apart: see EMBEDDING.md. The covariance
     is that at `values`, a constant; bring along estimates that are about right, and start the line
     with a plain factor first if its distance is a guess.
 

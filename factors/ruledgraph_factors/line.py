@@ -57,8 +57,8 @@ class LineChart:
     shape (..., 4). World quantities are in the frame of `world_T_anchor`, lengths in metres.
 
     A chart is not a retraction: GTSAM adds to `delta`. It is exact everywhere, but far from the
-    reference (rotations near pi) steps grow crooked; give long-lived lines a new chart, see
-    `reanchor`.
+    reference (rotations near pi) steps are strongly nonlinear; give long-lived lines a new chart,
+    see `reanchor`.
     """
 
     world_T_anchor: gtsam.Pose3

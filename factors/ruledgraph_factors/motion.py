@@ -317,7 +317,7 @@ def preintegrate_frames(
     Raises:
         FactorError: for frames before the state, times not increasing, samples that do not cover
             the frames, or a turn of more than pi, beyond which rotation vectors (and GTSAM's
-            preintegration) lose their footing.
+            preintegration) are not unique.
     """
     instance("imu", imu, ImuSamples)
     node_time = number("node_time", node_time)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""One line under two keys: how a long-lived line gets a new chart without losing what is known."""
+"""One line under two keys: how a long-lived line gets a new chart without losing information."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -102,13 +102,13 @@ def same_line_factor(
     has left the window, and J belongs where the line is now, not where it was then. That is when
     to use this factor, too: as soon as a line's estimate has moved away from the point it is
     linearised at. Insert the new variable as zeros(4) and use its key from then on; the old one may
-    leave the window with all it knows.
+    leave the window, marginalised.
 
     Args:
         noise_model: of dimension 4, any kind, as loose as the estimate has moved since the old
-            variable was fixed (rad). What its marginal leaves open, place and heading of the whole,
-            looks that much different here; a closer tie makes it known where it is not, and tears
-            at it.
+            variable was fixed (rad). Unobservable directions of its marginal (position and yaw of
+            the whole) differ that much here; a tighter model would constrain them, which is
+            inconsistent.
         line_key: Vector4, in `chart`.
         new_line_key: Vector4, in the new chart.
         chart: of the old variable.
