@@ -60,7 +60,7 @@ def run(simulation: Simulation, most_lines: int) -> tuple[float, dict[str, float
     followed: list[int] = []
     with (
         mock.patch("ruledgraph.frontend.tracker.search_all", timed(search_all, searching)),
-        mock.patch.object(tracker, "follow", timed(tracker.follow, following)),
+        mock.patch.object(tracker, "track", timed(tracker.track, following)),
     ):
         for measurement in simulation.stream():
             before = {stage: timing.count for stage, timing in timings.items()}

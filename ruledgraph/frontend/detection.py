@@ -17,8 +17,8 @@ from ruledgraph.frontend.tracker import Tracker
 _MOST_PREFETCHED = 8
 
 
-class _Rhythm(NamedTuple):
-    """Of the searches so far, ns."""
+class _Schedule(NamedTuple):
+    """When frames are searched, ns."""
 
     last: int
     interval: int
@@ -44,7 +44,7 @@ class Detection:
         self._worker = ThreadPoolExecutor(1, "detection")
         self._search: _Search | None = None
         self._last = -math.inf
-        self._rhythm: _Rhythm | None = None
+        self._schedule: _Schedule | None = None
         self._prefetched = PrefetchCache[Future[FloatArray]](_MOST_PREFETCHED, Future.cancel)
         self._seen = 0
 
@@ -56,25 +56,25 @@ class Detection:
         """Look for segments in a frame with its gradient, taken at `time` (s)."""
         self._last = time
         segments = self._prefetched.take(frame) or self._submitted(frame)
-        last = self._rhythm.last if self._rhythm is not None else frame.stamp
-        self._rhythm = _Rhythm(frame.stamp, frame.stamp - last)
+        last = self._schedule.last if self._schedule is not None else frame.stamp
+        self._schedule = _Schedule(frame.stamp, frame.stamp - last)
         self._search = _Search(frame.stamp, gradient, time, segments)
 
     def prefetch(self, frame: Frame) -> None:
-        """Look for segments in a frame to come, if by the searches so far it will be its turn.
+        """Look for segments in a frame to come, if it is due by the interval of past searches.
 
         For the thread that reads ahead, each frame in order. It saves waiting, and changes nothing
         else: what is not used is thrown away.
         """
         before, self._seen = self._seen, frame.stamp
-        rhythm = self._rhythm
-        if rhythm is None or rhythm.interval <= 0 or self._prefetched.full:
+        schedule = self._schedule
+        if schedule is None or schedule.interval <= 0 or self._prefetched.full:
             return
-        turns, turns_before = (
-            (stamp - rhythm.last + STAMP_JITTER) // rhythm.interval
+        periods, periods_before = (
+            (stamp - schedule.last + STAMP_JITTER) // schedule.interval
             for stamp in (frame.stamp, before)
         )
-        if turns > max(turns_before, 0):
+        if periods > max(periods_before, 0):
             self._prefetched.put(frame, self._submitted(frame))
 
     def _submitted(self, frame: Frame) -> Future[FloatArray]:

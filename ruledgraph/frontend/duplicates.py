@@ -23,11 +23,11 @@ def duplicates(
     three = np.concatenate([ends, ends.mean(axis=1, keepdims=True)], axis=1)
     # Both (M, 3, N), counted from the own ones' first ends.
     gap = np.abs(three @ normals.T - np.sum(own.ends[:, 0] * normals, axis=1))
-    place = three @ along.T - np.sum(own.ends[:, 0] * along, axis=1)
-    place /= np.sum(along**2, axis=1)
+    position = three @ along.T - np.sum(own.ends[:, 0] * along, axis=1)
+    position /= np.sum(along**2, axis=1)
     near = np.all(gap * focal < config.duplicate_distance_px, axis=1)
-    overlap = (place.max(axis=1) > -config.duplicate_gap) & (
-        place.min(axis=1) < 1.0 + config.duplicate_gap
+    overlap = (position.max(axis=1) > -config.duplicate_gap) & (
+        position.min(axis=1) < 1.0 + config.duplicate_gap
     )
     return np.asarray((same >= config.duplicate_cosine) & near & overlap)
 

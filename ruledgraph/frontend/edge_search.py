@@ -111,22 +111,22 @@ def search(
     slopes = gradient.along(at, across[:, None]) * np.float32(np.sign(ruling.slope))
     least = max(config.least_slope, config.least_slope_share * abs(ruling.slope))
     station, offset, height = _maxima(slopes, steps, least, config)
-    place = along[station]
-    near = np.abs(offset) <= 3.0 * (sigma[0] + (sigma[1] - sigma[0]) * place) + 1.0
-    station, offset, height, place = station[near], offset[near], height[near], place[near]
+    position = along[station]
+    near = np.abs(offset) <= 3.0 * (sigma[0] + (sigma[1] - sigma[0]) * position) + 1.0
+    station, offset, height, position = station[near], offset[near], height[near], position[near]
     if len(station) < fewest:
         return None
 
-    line, ambiguous = _vote(place, offset, sigma, config)
-    chosen = _inliers(station, place, offset, line, config)
+    line, ambiguous = _vote(position, offset, sigma, config)
+    chosen = _inliers(station, position, offset, line, config)
     if len(chosen) < max(fewest, config.least_support * len(along)):
         return None
-    station, offset, place = station[chosen], offset[chosen], place[chosen]
+    station, offset, position = station[chosen], offset[chosen], position[chosen]
     found = camera.undistort(pixels[station] + offset[:, None] * across[station], stations[station])
     if not np.isfinite(found).all():
         return None
-    a, b = fit_line(place, offset)
-    deviation = float(np.sqrt(np.mean((offset - a - b * place) ** 2)))
+    a, b = fit_line(position, offset)
+    deviation = float(np.sqrt(np.mean((offset - a - b * position) ** 2)))
     return EdgePoints(
         points=found,
         line=(a, b),
@@ -155,12 +155,12 @@ def _maxima(
 
 
 def _vote(
-    place: FloatArray, offset: FloatArray, sigma: FloatArray, config: EdgesConfig
+    position: FloatArray, offset: FloatArray, sigma: FloatArray, config: EdgesConfig
 ) -> tuple[tuple[float, float], bool]:
-    """The line offset = a + b (2 place - 1) with most candidates near it, less a penalty for its
+    """The line offset = a + b (2 position - 1) with most candidates near it, less a penalty for its
     distance from the prediction; and whether another comes close.
     """
-    s = 2.0 * place - 1.0
+    s = 2.0 * position - 1.0
     tilt = 3.0 * float(sigma.max())
     slopes = np.arange(-np.ceil(tilt), np.ceil(tilt) + 0.5, 1.0)
     reach = int(np.ceil(np.abs(offset).max() + tilt)) + 2
@@ -186,13 +186,13 @@ def _vote(
 
 def _inliers(
     station: NDArray[np.int64],
-    place: FloatArray,
+    position: FloatArray,
     offset: FloatArray,
     line: tuple[float, float],
     config: EdgesConfig,
 ) -> NDArray[np.int64]:
     """Indices of the points on the line, one for each station, after refining it twice."""
-    s = 2.0 * place - 1.0
+    s = 2.0 * position - 1.0
     a, b = line
     # The vote counts in cells of 1 px.
     for tolerance in (config.vote_px + 0.5, config.vote_px, config.inlier_px):

@@ -81,7 +81,7 @@ class FrontEnd:
         with self._timings.measured("search"):
             lines, motion = predicted.lines, predicted.motion
             rulings = predict(self.tracker.tracks, lines, motion, self._focal, self._config)
-            found = self.tracker.follow(frame.stamp, time, gradient, rulings)
+            found = self.tracker.track(frame.stamp, time, gradient, rulings)
         return [track.number for track in found]
 
     def observed(self) -> list[LineTrack]:

@@ -27,12 +27,12 @@ class PrefetchCache(Generic[T]):
 
     Args:
         most: frames at a time.
-        throw_away: called with each value that is not used.
+        discard: called with each value that is not used.
     """
 
-    def __init__(self, most: int, throw_away: Callable[[T], object] = lambda _: None) -> None:
+    def __init__(self, most: int, discard: Callable[[T], object] = lambda _: None) -> None:
         self._most = most
-        self._throw_away = throw_away
+        self._discard = discard
         self._entries: dict[int, _Entry[T]] = {}
 
     def __len__(self) -> int:
@@ -52,11 +52,11 @@ class PrefetchCache(Generic[T]):
         entry = self._entries.pop(frame.stamp, None)
         # `list` in one go: meanwhile the other thread puts in.
         for stamp in [stamp for stamp in list(self._entries) if stamp < frame.stamp]:
-            self._throw_away(self._entries.pop(stamp).value)
+            self._discard(self._entries.pop(stamp).value)
         if entry is None:
             return None
         # A frame that hangs is replaced by a black one of its stamp.
         if entry.image is not frame.image:
-            self._throw_away(entry.value)
+            self._discard(entry.value)
             return None
         return entry.value

@@ -107,7 +107,7 @@ def by_estimate(
     """
     if not lines:
         return otherwise
-    known = _Known(
+    arrays = _LineArrays(
         plucker=np.array([line.plucker for line in lines]),
         by_delta=np.array([line.plucker_by_delta for line in lines]),
         covariances=np.array([line.covariance for line in lines]),
@@ -115,9 +115,9 @@ def by_estimate(
         floors=np.array([_floor(track) for track in tracks]),
     )
     poses = world_T_before.matrix(), world_T_cam.matrix()
-    place = kernel.native.predict_all if kernel.is_native() else predict_in_numpy
+    predict_ends = kernel.native.predict_all if kernel.is_native() else predict_in_numpy
     limits = config.max_predicted_sigma_px, config.nearest
-    ends, sigmas = place(*known, *poses, otherwise.ends, otherwise.sigmas, focal, *limits)
+    ends, sigmas = predict_ends(*arrays, *poses, otherwise.ends, otherwise.sigmas, focal, *limits)
     return Rulings(ends.reshape(-1, 2, 2), sigmas, otherwise.slopes)
 
 
@@ -126,8 +126,8 @@ def _floor(track: Track) -> float:
     return track.config.motion_sigma_px * track.config.sigma_growth**track.misses
 
 
-class _Known(NamedTuple):
-    """What is known of N lines."""
+class _LineArrays(NamedTuple):
+    """Estimates and tracks of N lines."""
 
     plucker: FloatArray
     """World coordinates, (N, 6)."""
@@ -158,8 +158,8 @@ def predict_in_numpy(
     """The reference of `_native_frame.predict_all`."""
     moment, direction = plucker[:, :3], plucker[:, 3:]
     R, p = world_T_cam[:3, :3], world_T_cam[:3, 3]
-    by_place = hat(p)
-    m = (moment - direction @ by_place.T) @ R
+    hat_p = hat(p)
+    m = (moment - direction @ hat_p.T) @ R
     size = np.hypot(m[:, 0], m[:, 1])[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         in_cam = (_ends_in_space(seen, moment, direction, world_T_before) - p) @ R
@@ -168,7 +168,7 @@ def predict_in_numpy(
         # Onto the ruling.
         off = np.einsum("nei,ni->ne", _rays(found), m)
         found = found - off[..., None] * (m[:, :2] / size**2)[:, None]
-        by_m = R.T @ (by_delta[:, :3] - by_place @ by_delta[:, 3:])
+        by_m = R.T @ (by_delta[:, :3] - hat_p @ by_delta[:, 3:])
         gradient = _rays(found) @ by_m / size[..., None]
         variance = np.einsum("nei,nij,nej->ne", gradient, covariances, gradient)
         spread = np.hypot(focal * np.sqrt(np.maximum(variance, 0.0)), floors[:, None])

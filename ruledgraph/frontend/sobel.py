@@ -48,8 +48,8 @@ def search_sobel(
     length = float(np.linalg.norm(along_px[1] - along_px[0]))
     if not (fewest <= length < 4.0 * (camera.width + camera.height)):
         return None
-    places = np.linspace(0.0, 1.0, int(length / _SPACING) + 1)
-    stations = ruling.ends[0] + places[:, None] * (ruling.ends[1] - ruling.ends[0])
+    positions = np.linspace(0.0, 1.0, int(length / _SPACING) + 1)
+    stations = ruling.ends[0] + positions[:, None] * (ruling.ends[1] - ruling.ends[0])
     distorted = camera.distort(stations)
     tangent = np.einsum("nij,j->ni", distorted.jacobian, ruling.ends[1] - ruling.ends[0])
     across = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
@@ -57,7 +57,7 @@ def search_sobel(
     reach = np.arange(-gate - 1.0, gate + 1.0 + _SPACING, _SPACING)
     grid = distorted.pixels[:, None] + reach[:, None] * across[:, None]
     pixels = np.rint(grid).astype(np.int64).reshape(-1, 2)
-    station = np.repeat(np.arange(len(places)), len(reach))
+    station = np.repeat(np.arange(len(positions)), len(reach))
     inside = np.all((pixels >= 0) & (pixels < [camera.width, camera.height]), axis=1)
     pixels, station = pixels[inside], station[inside]
     # Neighbouring stations reach the same pixels: each counts once.
@@ -71,18 +71,18 @@ def search_sobel(
     order = np.argsort(station, kind="stable")
     pixels, station, offsets = pixels[order], station[order], offsets[order]
     seen, middles = _mean_by_station(station, offsets)
-    support = len(seen) / len(places)
+    support = len(seen) / len(positions)
     if len(seen) < fewest or support < config.least_support:
         return None
     points = camera.undistort(pixels.astype(np.float64), stations[station])
     if not np.isfinite(points).all():
         return None
-    a, b = fit_line(places[seen], middles)
+    a, b = fit_line(positions[seen], middles)
     return EdgePoints(
         points=points,
         line=(a, b),
         support=support,
-        deviation=float(np.sqrt(np.mean((middles - a - b * places[seen]) ** 2))),
+        deviation=float(np.sqrt(np.mean((middles - a - b * positions[seen]) ** 2))),
         slope=ruling.slope,
         ambiguous=False,
     )

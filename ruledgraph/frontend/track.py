@@ -19,7 +19,7 @@ class Track:
     """A line in the image."""
 
     number: int
-    born: float
+    first_time: float
     """Time of the first sighting, s."""
     ends: FloatArray
     """In the last frame, (2, 2), normalised."""

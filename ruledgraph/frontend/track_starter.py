@@ -76,7 +76,7 @@ class TrackStarter:
         self._started += 1
         return Track(
             number=self._started,
-            born=time,
+            first_time=time,
             ends=ends,
             slope=slope,
             sigma=self._config.fresh_sigma_px,

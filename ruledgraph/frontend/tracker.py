@@ -44,7 +44,7 @@ class Tracker:
         seen = camera.undistort(rim * [camera.width - 1, camera.height - 1])
         self._low, self._high = np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)
 
-    def follow(self, stamp: int, time: float, gradient: Gradient, rulings: Rulings) -> list[Track]:
+    def track(self, stamp: int, time: float, gradient: Gradient, rulings: Rulings) -> list[Track]:
         """Look for every track where it is predicted, a ruling for each of `tracks`; update them.
 
         Returns:
@@ -110,7 +110,7 @@ class Tracker:
     def observed(self) -> list[LineTrack]:
         """All tracks as of the last frame, as plain values."""
         return [
-            LineTrack(track.number, track.born, track.misses == 0, track.sightings)
+            LineTrack(track.number, track.first_time, track.misses == 0, track.sightings)
             for track in self.tracks
         ]
 
@@ -127,7 +127,7 @@ class Tracker:
     def retime(self, change: float) -> None:
         """The times of all frames were corrected by so much, s."""
         for track in self.tracks:
-            track.born, track.last_seen = track.born + change, track.last_seen + change
+            track.first_time, track.last_seen = track.first_time + change, track.last_seen + change
 
     def forget(self, before: int) -> None:
         """Drop sightings in frames before a stamp."""
@@ -137,7 +137,7 @@ class Tracker:
 
     def drop_duplicates(self) -> None:
         """Of tracks that have come to follow the same line forget all but the oldest."""
-        tracks = sorted(self.tracks, key=lambda track: track.born)
+        tracks = sorted(self.tracks, key=lambda track: track.first_time)
         own = Segments.of(tracks)
         same = duplicates(own, own, self._camera.focal_length, self._config)
         self.tracks = [tracks[i] for i in first_of_duplicates(same)]

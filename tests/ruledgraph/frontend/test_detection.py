@@ -41,7 +41,7 @@ def test_tracks_start_in_the_frame_that_was_searched():
     assert tracker.tracks == []
     detection.start_tracks()
     (track,) = tracker.tracks
-    assert (track.born, track.sightings[0].stamp) == (0.5, 7)
+    assert (track.first_time, track.sightings[0].stamp) == (0.5, 7)
     # Once.
     detection.start_tracks()
     assert not detection.pending
@@ -56,7 +56,7 @@ def test_the_clock_of_the_frames_is_corrected_in_between():
     assert not detection.is_due(0.57, 0.1)
     assert detection.is_due(0.59, 0.1)
     detection.start_tracks()
-    assert tracker.tracks[0].born == tracker.tracks[0].last_seen == pytest.approx(0.48)
+    assert tracker.tracks[0].first_time == tracker.tracks[0].last_seen == pytest.approx(0.48)
 
 
 def test_lost_tracks_are_in_no_ones_way():

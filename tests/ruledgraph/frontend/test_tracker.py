@@ -67,7 +67,7 @@ def test_of_tracks_on_one_line_the_oldest_stays(oldest):
     tracker, gradient = Tracker(CAMERA, EdgesConfig(), TracksConfig()), scene(LEVEL, STEEP)
     assert started(tracker, gradient, LEVEL, STEEP) == [1, 2]
     for i, track in enumerate(tracker.tracks):
-        track.born = float(i != oldest)
+        track.first_time = float(i != oldest)
         track.ends, track.slope = LEVEL + 0.001 * i, 20.0
     kept = tracker.tracks[oldest]
     tracker.drop_duplicates()
@@ -105,7 +105,7 @@ def test_a_steady_motion_of_a_line_is_learnt():
     (track,) = tracker.tracks
     for i, place in enumerate(places[1:-1], start=1):
         predicted = by_rotation([track], np.eye(3), 0.05, CAMERA.focal_length)
-        assert tracker.follow(i, 0.05 * i, scene(place), predicted) == [track]
+        assert tracker.track(i, 0.05 * i, scene(place), predicted) == [track]
     (next_one,) = by_rotation([track], np.eye(3), 0.05, CAMERA.focal_length).one_by_one()
     homogeneous = np.column_stack([next_one.ends, np.ones(2)])
     # A line that was thought to stand still would be up to 3 px away.
@@ -116,7 +116,7 @@ def test_sightings_are_forgotten_from_the_oldest_on():
     tracker, gradient = Tracker(CAMERA, EdgesConfig(), TracksConfig()), scene(LEVEL)
     assert started(tracker, gradient, LEVEL) == [1]
     for i in (1, 2, 3):
-        tracker.follow(i, 0.05 * i, gradient, where_they_are(tracker))
+        tracker.track(i, 0.05 * i, gradient, where_they_are(tracker))
     tracker.forget(2)
     assert [sighting.stamp for sighting in tracker.tracks[0].sightings] == [2, 3]
     assert [sighting.stamp for sighting in tracker.observed()[0].sightings] == [2, 3]
@@ -131,7 +131,7 @@ def test_motion_of_the_image_is_that_across_lines_since_a_frame():
         down = np.array([0.0, 2.0 * i / CAMERA.focal_length])
         moved = [ends + down for ends in lines]
         rulings = where_they_are(tracker)
-        assert tracker.follow(i, 0.05 * i, scene(*moved), rulings) == tracker.tracks
+        assert tracker.track(i, 0.05 * i, scene(*moved), rulings) == tracker.tracks
     # Downwards by 4 px, seen across the line that moves neither most nor least.
     along = np.diff(lines, axis=1)[:, 0]
     across = 4.0 * float(np.median(np.abs(along[:, 0]) / np.linalg.norm(along, axis=1)))
@@ -144,7 +144,7 @@ def test_a_frame_counts_for_no_more_than_was_configured():
     edges = EdgesConfig(effective_points=12.0)
     tracker, gradient = Tracker(CAMERA, edges, TracksConfig()), scene(LEVEL)
     assert started(tracker, gradient, LEVEL) == [1]
-    tracker.follow(1, 0.05, gradient, where_they_are(tracker))
+    tracker.track(1, 0.05, gradient, where_they_are(tracker))
     first, second = tracker.tracks[0].sightings
     for sighting in (first, second):
         assert len(sighting.points) > 12
@@ -161,7 +161,7 @@ def test_a_line_that_is_not_there_is_missed_until_it_is_lost():
         assert not steep.lost
         rulings = where_they_are(tracker)
         rulings.ends[1] += 0.001
-        assert tracker.follow(i, 0.02 * i, scene(LEVEL), rulings) == [level]
+        assert tracker.track(i, 0.02 * i, scene(LEVEL), rulings) == [level]
         # It goes on as predicted, less and less sure.
         np.testing.assert_allclose(steep.ends, rulings.ends[1], atol=1e-12)
         assert steep.misses == i
@@ -177,7 +177,7 @@ def test_a_line_out_of_view_is_lost_at_once():
     assert started(tracker, scene(LEVEL, STEEP), LEVEL, STEEP) == [1, 2]
     rulings = where_they_are(tracker)
     rulings.ends[0] += [0.0, 3.0]
-    assert tracker.follow(1, 0.05, scene(LEVEL, STEEP), rulings) == tracker.tracks[1:]
+    assert tracker.track(1, 0.05, scene(LEVEL, STEEP), rulings) == tracker.tracks[1:]
     assert tracker.tracks[0].lost
 
 
@@ -189,7 +189,7 @@ def test_of_two_lines_in_the_band_neither_is_taken():
     steps = Gradient(
         edge_image(CAMERA, [(line_through(*(LEVEL + side * apart)), 40.0) for side in (-1, 1)])
     )
-    assert tracker.follow(1, 0.05, steps, where_they_are(tracker, sigma=4.0)) == []
+    assert tracker.track(1, 0.05, steps, where_they_are(tracker, sigma=4.0)) == []
     assert tracker.tracks[0].misses == 1
 
 
@@ -197,4 +197,4 @@ def test_every_track_needs_its_ruling():
     tracker, gradient = Tracker(CAMERA, EdgesConfig(), TracksConfig()), scene(LEVEL, STEEP)
     assert started(tracker, gradient, LEVEL, STEEP) == [1, 2]
     with pytest.raises(ValueError, match="shorter"):
-        tracker.follow(1, 0.05, gradient, where_they_are(tracker).part([0]))
+        tracker.track(1, 0.05, gradient, where_they_are(tracker).part([0]))
