@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""The rooms of `ruledgraph`: imports go one way, and files and classes stay small."""
+"""The packages of `ruledgraph`: imports go one way, and files and classes stay small."""
 
 import ast
 from graphlib import CycleError, TopologicalSorter
@@ -24,7 +24,7 @@ LAYERS = (
     ("calibration",),
     ("core",),
 )
-"""From top to bottom. A room may import rooms of the layers below its own, no others."""
+"""From top to bottom. A package may import packages of the layers below its own, no others."""
 
 LONGEST_FILE, LONGEST_CLASS = 350, 200
 """In lines."""
@@ -69,18 +69,19 @@ def imports(trees: dict[str, ast.Module]) -> Graph:
     return graph
 
 
-def room(module: str) -> str:
+def package(module: str) -> str:
     return module.split(".")[1] if "." in module else "__init__"
 
 
 def wrong_way(graph: Graph, layers: tuple[tuple[str, ...], ...]) -> list[str]:
-    """The imports between rooms that do not go down."""
+    """The imports between packages that do not go down."""
     layer = {name: depth for depth, names in enumerate(layers) for name in names}
     return [
         f"{importer} imports {imported}"
         for importer, names in sorted(graph.items())
         for imported in sorted(names)
-        if room(importer) != room(imported) and layer[room(importer)] >= layer[room(imported)]
+        if package(importer) != package(imported)
+        and layer[package(importer)] >= layer[package(imported)]
     ]
 
 
@@ -99,7 +100,7 @@ IMPORTS = imports(TREES)
 
 def test_every_room_has_one_layer() -> None:
     named = [name for layer in LAYERS for name in layer]
-    assert sorted(named) == sorted({room(module) for module in TREES})
+    assert sorted(named) == sorted({package(module) for module in TREES})
 
 
 def test_imports_go_down() -> None:

@@ -135,7 +135,7 @@ class TimeOffsetConfig(Section):
 
 
 class IntegrityConfig(Section):
-    """How far estimates may be believed, and when a segment ends."""
+    """Status and covariances of estimates, and when a segment ends."""
 
     max_speed: float = number(50.0, "m/s", 0.1, 1e3)
     """A faster estimate has run away."""
@@ -150,11 +150,11 @@ class IntegrityConfig(Section):
     trial_min_stay: float = number(0.5, "", 0.0, 1.0)
     """Share of its lines that must stay in the graph on trial."""
     span: float = number(1.01, "s", 0.05, 60.0)
-    """Time that is judged: a little over five intervals, so that rounding drops none."""
+    """Time that is checked: a little over five intervals, so that rounding drops none."""
     min_intervals: int = number(5, "", 2, 1000)
-    """Fewest intervals between states that are judged."""
+    """Fewest intervals between states that are checked."""
     min_observations: int = number(10, "", 1, 10_000)
-    """Fewest lines compared with their points, of which a share that does not fit is told."""
+    """Fewest lines compared with their points, for the share that does not fit."""
     usual_error: float = number(3.0, "", 0.1, 1e3)
     """Twice the mean error of the IMU factors beyond which covariances grow."""
     error_exponent: float = number(1.5, "", 0.0, 10.0)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""What front end and back end tell each other of a line: plain values, joined by its id."""
+"""What front end and back end exchange about a line: plain values, joined by its id."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -15,11 +15,13 @@ class Sighting(NamedTuple):
     points: FloatArray
     """Normalised, (N, 2)."""
     statistics: FloatArray
-    """What counts of them, (3, 3), see `GeometricPoints`."""
+    """The points compressed for the factor: upper triangular C, (3, 3), with |C l|^2 the weighted
+    sum of their squared distances from any image line l (see `GeometricPoints`), scaled down to
+    `edges.effective_points` and without their scatter across their own best line."""
 
 
 class LineTrack(NamedTuple):
-    """A line as the front end has followed it until now."""
+    """The track of a line in the front end, up to the latest frame."""
 
     id: int
     first_time: float
@@ -31,7 +33,7 @@ class LineTrack(NamedTuple):
 
 
 class LinePrediction(NamedTuple):
-    """A line as the back end knows it, to predict its next ruling from."""
+    """The back end's estimate of a line, to predict its next ruling from."""
 
     plucker: FloatArray
     """World coordinates, (6,)."""

@@ -31,7 +31,7 @@ MAX_IMU_GAP = 500_000_000
 @dataclass(frozen=True, eq=False)
 class Frame:
     """An image: grey, (height, width) uint8, which does not change afterwards: it may be read by
-    another thread, and compared with the next one. Hand in a copy of a buffer that serves again.
+    another thread, and compared with the next one. Pass a copy if you reuse the buffer.
     """
 
     stamp: int

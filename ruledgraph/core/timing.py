@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a run tells of itself, in bounded memory: how long its stages took, its messages."""
+"""Timings and messages of a run, in bounded memory."""
 
 import logging
 import math
@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-# Durations are told apart by this ratio, from this many s on.
+# Bins of the histogram differ by this ratio, from this many s on.
 _RATIO, _SHORTEST = 1.02, 1e-7
 # Messages that are kept of a run; the rest are counted.
 _MOST_MESSAGES = 200

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Odometry while the sensors run: fed by their drivers' threads, answering by callbacks.
 
-A room of its own above `odometry`: it is an interface for programs, not part of the command line.
+A package of its own above `odometry`: an interface for programs, not part of the command line.
 """
 
 from ruledgraph.live.odometry import Counts, LiveOdometry
