@@ -12,7 +12,7 @@ from ruledgraph.frontend.tracker import Tracker
 from ruledgraph.imu.frame_history import EARLY
 from ruledgraph.imu.image_input import image_fault
 from ruledgraph.initialization.clock_search import ClockSearch
-from ruledgraph.integrity.gauge import Ended
+from ruledgraph.integrity.gauge import ReliableState
 from ruledgraph.segments.sequence import SegmentSequence
 from ruledgraph.segments.stages import Stages
 
@@ -55,9 +55,9 @@ class Odometry(Output):
         return None if segment is None else segment.window
 
     @property
-    def last_trusted(self) -> Ended | None:
-        """The last that was known before the segment; the next one begins there."""
-        return self._segments.last_trusted
+    def last_reliable(self) -> ReliableState | None:
+        """The last state whose lines fitted, where the next segment begins."""
+        return self._segments.last_reliable
 
     @property
     def clock_search(self) -> ClockSearch:
@@ -66,7 +66,7 @@ class Odometry(Output):
 
     @property
     def time_offset(self) -> TimeOffset:
-        """t_imu - t_cam, s, as last known; without deviation when it is not estimated."""
+        """t_imu - t_cam, s, as last known; sigma 0 when it is not estimated."""
         return self._stages.clock.offset
 
     def add(self, measurement: Measurement) -> None:
@@ -141,7 +141,7 @@ class Odometry(Output):
         elif due:
             with self.timings.measured("smoother"):
                 segment.advance()
-            if not segments.goes_on(segment, now):
+            if not segments.continues(segment, now):
                 return
         if segments.current is not None:
             segments.last_status = segments.current.report(now, lines, due)

@@ -194,7 +194,7 @@ def nees(
     """e^T S^-1 e for each degree of freedom, of the live states and parts of them; place and
     heading of the world are fixed where the window began, which the covariances count from.
     """
-    nodes = [e for e in live if e.at_node]
+    nodes = [e for e in live if e.at_state]
     true = simulation.truth(np.array([beginning.stamp, *(e.stamp for e in nodes)]))
     poses = [
         gtsam.Pose3(gtsam.Rot3(R), p) for R, p in zip(true.rotation, true.position, strict=True)

@@ -90,14 +90,14 @@ def latencies(
     """Seconds that frames between states and at states took, once the odometry has started."""
     odometry = Odometry(calibration)
     between: list[float] = []
-    at_nodes: list[float] = []
+    at_states: list[float] = []
     for measurement in measurements:
         started = time.perf_counter()
         odometry.add(measurement)
         elapsed = time.perf_counter() - started
         for estimate in odometry.take_live():
-            (at_nodes if estimate.at_node else between).append(elapsed)
-    return between, at_nodes
+            (at_states if estimate.at_state else between).append(elapsed)
+    return between, at_states
 
 
 def processor_time(
@@ -181,11 +181,11 @@ def main(out: Path, data: str | None, repeat: int, seconds: float) -> None:
             click.echo(f"| {name} | {wall:.1f} | {memory:.0f} |")
 
     calibration = simulation.calibration
-    between, at_nodes = least(
+    between, at_states = least(
         partial(latencies, measurements, calibration), repeat, lambda found: sum(found[0])
     )
     click.echo("\n| latency, ms | median | p99 | largest |\n|---|---:|---:|---:|")
-    for name, found in (("between states", between), ("at states", at_nodes)):
+    for name, found in (("between states", between), ("at states", at_states)):
         figures = 1e3 * np.quantile(found, [0.5, 0.99, 1.0])
         click.echo(f"| {name} | " + " | ".join(f"{figure:.1f}" for figure in figures) + " |")
 

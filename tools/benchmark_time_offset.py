@@ -117,7 +117,7 @@ def run(case: Case, data: Path | None, cache: Path, settings: Sequence[str]) -> 
         trajectory = Trajectory.from_poses(stamps, [e.world_T_body for e in estimates])
         row[name] = 1e3 * accuracy(trajectory, source.truth).ate_rmse
     right = source.calibration.time_offset - 1e-3 * case.ms
-    nodes = [e for e in live if e.at_node]
+    nodes = [e for e in live if e.at_state]
     error = np.array([e.time_offset.value for e in nodes]) - right
     sigma = np.array([e.time_offset.sigma for e in nodes])
     end = np.array([e.stamp for e in nodes]) > live[-1].stamp - _END * 1e9

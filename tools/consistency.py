@@ -58,7 +58,7 @@ def run(
         "warnings": list(odometry.warnings),
         "recoveries": list(odometry.recoveries),
         "segments": len({e.segment for e in live}),
-        "still": [e.status == "still" for e in live if e.at_node],
+        "still": [e.status == "still" for e in live if e.at_state],
     }
     if not live:
         return row

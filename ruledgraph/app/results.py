@@ -134,7 +134,7 @@ class Results(Closing):
         self._live.append(estimate.stamp, estimate.world_T_body)
         for file in self._more_live:
             file.append(estimate)
-        if estimate.at_node:
+        if estimate.at_state:
             self._states.writerow(_state_row(estimate))
 
     def _append_smoothed(self, estimate: Any) -> None:

@@ -19,9 +19,9 @@ class SmootherError(RuledgraphError):
 class FixedLagSmoother:
     """iSAM2 over the last `lag` seconds.
 
-    It takes Gauss-Newton steps by Cholesky factorisation, which is fast. Where they fail, and they
-    do when the IMU alone carries the estimate for long, it goes over to Dogleg steps by QR with
-    all that it knows, and back when that has gone well for a while.
+    It takes Gauss-Newton steps with Cholesky factorisation, which is fast. When such a step fails,
+    as after long dead reckoning, its factors and variables go to a new iSAM2 with Dogleg steps and
+    QR, and back to a fast one some updates later.
 
     Args:
         config: lag, updates and when variables are linearised anew.
@@ -31,8 +31,8 @@ class FixedLagSmoother:
     def __init__(self, config: WindowConfig, dogleg: bool = False) -> None:
         self._config = config
         self._times: dict[int, float] = {}
-        self.trouble = ""
-        """Why it last had to go over to Dogleg steps."""
+        self.dogleg_reason = ""
+        """The error for which it last changed to Dogleg steps."""
         self._begin(dogleg)
 
     def _begin(self, dogleg: bool) -> None:
@@ -48,7 +48,7 @@ class FixedLagSmoother:
 
     @property
     def dogleg(self) -> bool:
-        """Whether it takes Dogleg steps by QR now."""
+        """Whether it takes Dogleg steps with QR now."""
         return self._dogleg_for > 0
 
     def update(
@@ -71,26 +71,26 @@ class FixedLagSmoother:
             The estimate of all variables.
 
         Raises:
-            SmootherError: when the Dogleg way fails, too. What is known is lost then.
+            SmootherError: when Dogleg steps fail, too; the smoother cannot be used any more.
         """
         # Copies: what GTSAM hands out changes with the smoother, also in an update that fails.
         factors_before = gtsam.NonlinearFactorGraph(self._smoother.getFactors())
         values_before = gtsam.Values(self.linearization_point())
-        # Of the last update, too: with the new ones a smoother that takes over would at once drop
-        # what new factors hang on.
+        # With the times of this update a new smoother would at once drop variables that the new
+        # factors need.
         times_before = {key: self._times[key] for key in values_before.keys()}  # noqa: SIM118
-        known = factors_before, values_before, times_before
+        before = factors_before, values_before, times_before
         self._times = times_before | dict(times)
         was_dogleg = self.dogleg
         self._dogleg_for = max(0, self._dogleg_for - 1)
         if not self.dogleg:
             try:
                 if was_dogleg:
-                    self._take_over(*known, dogleg=False)
+                    self._restart(*before, dogleg=False)
                 return self._solve(factors, values, times, check)
             except SmootherError as failure:
-                self.trouble = str(failure)
-                self._take_over(*known, dogleg=True)
+                self.dogleg_reason = str(failure)
+                self._restart(*before, dogleg=True)
         return self._solve(factors, values, times, check)
 
     def _solve(
@@ -120,19 +120,19 @@ class FixedLagSmoother:
         except (RuntimeError, IndexError, ValueError) as error:
             raise SmootherError(" ".join(str(error).split())[:300]) from None
 
-    def _take_over(
+    def _restart(
         self,
         factors: gtsam.NonlinearFactorGraph,
         values: gtsam.Values,
         times: Mapping[int, float],
         dogleg: bool,
     ) -> None:
-        """Begin anew with the factors and variables of another smoother."""
+        """Replace the smoother by one with these factors and variables."""
         kept = gtsam.NonlinearFactorGraph()
         for i in range(factors.size()):
             factor = factors.at(i)
             if isinstance(factor, gtsam.LinearContainerFactor):
-                # A marginal does not know where it was linearised: where its variables are fixed.
+                # A marginal does not store where it was linearised: at that point of its variables.
                 factor = gtsam.LinearContainerFactor(factor.linearize(values), values)
             if factor is not None:
                 kept.push_back(factor)

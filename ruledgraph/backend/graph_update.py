@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the smoother is to take in with its next update."""
+"""What the next update adds to the smoother."""
 
 from dataclasses import dataclass, field
 

@@ -9,7 +9,7 @@ import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
 from ruledgraph.backend.states import Interval, StateNode
-from ruledgraph.backend.time_offset import OffsetLink
+from ruledgraph.backend.time_offset import TimeOffsetState
 from ruledgraph.calibration.sensors import ImuNoise
 from ruledgraph.imu.buffer import ImuBuffer, params_across
 from ruledgraph_factors import preintegrate_frames
@@ -19,10 +19,10 @@ def imu_interval(
     node: StateNode,
     stamps: Sequence[int],
     times: Sequence[float],
-    again: int,
+    repeats_frame: bool,
     imu: ImuBuffer,
     noise: ImuNoise,
-    link: OffsetLink | None,
+    time_offset: TimeOffsetState | None,
     still: bool,
 ) -> tuple[Interval, StateNode]:
     """The frames after a state with their motion, and the state at the last of them.
@@ -31,18 +31,18 @@ def imu_interval(
         node: the state before.
         stamps: of the frames, ns.
         times: of the frames, s.
-        again: 1 when the first of them is the state's own.
+        repeats_frame: whether the first of them is the state's own.
         imu: samples that cover them.
         noise: of the IMU.
-        link: the time offset of the frames, when that is estimated.
+        time_offset: the time offset of the frames, when that is estimated.
         still: whether the body rested all the time.
     """
-    params, known = noise.preintegration_params(), len(times)
+    params, reliable_frames = noise.preintegration_params(), len(times)
     unreliable = imu.unreliable(node.time, times[-1])
     if unreliable:
         params = params_across(noise, unreliable, node.time, times[-1])
         first = min(interval.start for interval in unreliable)
-        known = max(again, sum(time <= first for time in times))
+        reliable_frames = max(int(repeats_frame), sum(time <= first for time in times))
     samples = imu.between(node.time, times[-1])
     preintegrated = gtsam.PreintegratedCombinedMeasurements(params, node.bias)
     for segment in samples.segments(node.time, times[-1], at=times, bias=node.bias):
@@ -53,8 +53,10 @@ def imu_interval(
         state = preintegrated.predict(node.state, node.bias)
     k = node.index
     factor = gtsam.CombinedImuFactor(X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1), preintegrated)
-    # At rest the noise of the gyroscope would feign knowledge of the offset.
-    timed = link is not None and not still
+    # At rest the noise of the gyroscope would make the offset look observable.
+    timed = time_offset is not None and not still
     motion = preintegrate_frames(samples, node.time, times, node.bias, with_time=timed)
-    interval = Interval(node, list(stamps), motion, [factor], known, again, link, still)
+    interval = Interval(
+        node, list(stamps), motion, [factor], reliable_frames, repeats_frame, time_offset, still
+    )
     return interval, StateNode(k + 1, times[-1], state, node.bias, node.covariance)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lines of the graph: where they are, how far they reach, when they are no good."""
+"""Lines of the graph: their estimates and the extents over which they were seen."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -48,18 +48,18 @@ class Landmark:
     linearization_frozen: bool = False
     """Whether a neighbour was marginalised, so that the smoother no longer relinearises it."""
     points: int = 0
-    bad_nodes: int = 0
+    bad_states: int = 0
     covariance_time: float = -np.inf
-    _reach: list[FloatArray] = field(default_factory=list)
-    _known: tuple[FloatArray, LineChart, Plucker] | None = None
+    _extents: list[FloatArray] = field(default_factory=list)
+    _cached_plucker: tuple[FloatArray, LineChart, Plucker] | None = None
 
     @property
     def plucker(self) -> Plucker:
         """`LineChart.plucker` of `delta`, computed anew when that is replaced, not every frame."""
-        known = self._known
-        if known is None or known[0] is not self.delta or known[1] is not self.chart:
-            known = self._known = self.delta, self.chart, self.chart.plucker(self.delta)
-        return known[2]
+        cached = self._cached_plucker
+        if cached is None or cached[0] is not self.delta or cached[1] is not self.chart:
+            cached = self._cached_plucker = self.delta, self.chart, self.chart.plucker(self.delta)
+        return cached[2]
 
     def prediction(self) -> LinePrediction:
         """What the front end needs to predict its ruling."""
@@ -70,18 +70,18 @@ class Landmark:
         inverse, slope = self.chart.inverse_distance(self.delta)
         return inverse, float(np.sqrt(max(float(slope @ self.covariance @ slope), 0.0)))
 
-    def record_extent(self, reach: FloatArray) -> None:
-        """From where to where it was seen, (2,), m from the point next to the anchor."""
-        self._reach.append(reach)
-        del self._reach[:-_KEPT]
+    def record_extent(self, extent: FloatArray) -> None:
+        """Add where it was seen from and to, (2,), m from the point closest to the anchor."""
+        self._extents.append(extent)
+        del self._extents[:-_KEPT]
 
     def estimate(self, outliers: float) -> LineEstimate | None:
         """End points as far as the line was seen, but for a share of `outliers`; None without a
         finite line.
         """
-        if not self._reach:
+        if not self._extents:
             return None
-        extent = np.diagonal(np.quantile(self._reach, [outliers, 1.0 - outliers], axis=0))
+        extent = np.diagonal(np.quantile(self._extents, [outliers, 1.0 - outliers], axis=0))
         try:
             ends, jacobian = self.chart.end_points(self.delta, extent)
         except FactorError:
@@ -95,9 +95,9 @@ class Landmark:
 def record_extent(
     lines: Sequence[Landmark], world_T_cams: Sequence[gtsam.Pose3], ends: FloatArray
 ) -> None:
-    """Take note of how far lines were seen, each by its camera from one end to the other.
+    """Record the extents over which lines were seen, each by its camera from end to end.
 
-    The reach of an end is s where the line, foot + s unit, is closest to the ray through it;
+    The extent of an end is s where the line, foot + s unit, is closest to the ray through it;
     (N, 2) for ends (N, 2, 2), normalised.
     """
     if not lines:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""The factors of a line: its edge points in an interval, and what is known of a new one."""
+"""The factors of a line: its edge points in an interval, and the priors of a new one."""
 
 import math
 from collections.abc import Sequence
@@ -83,10 +83,10 @@ def observation(
     is_whole = len(index) == len(interval.stamps)
     motion = interval.motion if is_whole else interval.motion.select(list(index))
     rest = motion, line.chart, compressed, model.body_T_cam
-    if interval.link is None or motion.time_jacobian is None:
+    if interval.time_offset is None or motion.time_jacobian is None:
         factor = ruled_surface_factor(noise, X(k), V(k), B(k), line.key, *rest)
     else:
-        keys = X(k), V(k), B(k), interval.link.key, line.key
+        keys = X(k), V(k), B(k), interval.time_offset.key, line.key
         factor = ruled_surface_factor_with_time_offset(noise, *keys, *rest)
     return LineObservation(line, factor, compressed, (index[-1], sightings[-1].points))
 
@@ -94,17 +94,16 @@ def observation(
 def new_line_factors(
     node: StateNode, seen: LineObservation, config: LinesConfig
 ) -> tuple[gtsam.NonlinearFactor, ...]:
-    """What is known of a line before it is looked at from two places, by its first observation.
+    """Priors of a line that was seen from one position only, by its first observation.
 
-    It is all said of the line as seen from that state. Priors in the world's frame would do as well
-    for the line; but with every line that came, place and heading, which nothing shows, would seem
-    better known, and be drawn to where the priors fit.
+    They are relative to the state of that observation. Priors in the world frame would also
+    constrain the unobservable position and yaw, more with every new line.
     """
     line, spec, points = seen.line, seen.factor.spec, seen.points
     wide = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
     factor = noiseModel.Isotropic.Sigma(1, math.log(config.prior_distance_factor))
-    # The robust loss gives up points that are far off, and one bad step would carry the line away
-    # for good: its points once more, loose and without that loss.
+    # The robust loss ignores points that are far off, so that a line might not come back from one
+    # bad step: its points once more, with a large sigma and a quadratic loss.
     sigma = config.new_plane_sigma * math.sqrt(points.weight)
     loose = noiseModel.Isotropic.Sigma(points.rows, sigma)
     pose_key, pose = spec.keys[0], node.state.pose()

@@ -18,31 +18,29 @@ class LineFit(NamedTuple):
     """Of a line in an interval."""
 
     offset: float
-    """How far its points are off on average, by what they should be."""
-    misses: bool
+    """Mean distance of its points over the standard deviation of that."""
+    is_misfit: bool
     """Whether it does not fit its points."""
     is_behind: bool
     """Whether it lies behind the camera."""
 
 
-def line_fit(
-    seen: LineObservation, at_node: State, model: EdgeModel, config: LinesConfig
-) -> LineFit:
+def line_fit(seen: LineObservation, state: State, model: EdgeModel, config: LinesConfig) -> LineFit:
     """Compare a line with its points.
 
     Args:
         seen: the line in an interval.
-        at_node: the interval's state.
+        state: the interval's state.
         model: of the camera and its edge points.
         config: limits.
     """
     line, points = seen.line, seen.points
-    value = seen.factor.evaluate(at_node._replace(line=line.delta), False).value
+    value = seen.factor.evaluate(state._replace(line=line.delta), False).value
     weight = points.weight
     rms_px = math.sqrt(float(value @ value) / weight) * model.focal
     inverse, sigma = line.inverse_distance()
     return LineFit(
         offset=points.mean_distance(value) * math.sqrt(weight) / model.sigma,
-        misses=rms_px > config.max_misfit_px,
+        is_misfit=rms_px > config.max_misfit_px,
         is_behind=inverse < -config.behind_sigmas * sigma - _AT_INFINITY,
     )

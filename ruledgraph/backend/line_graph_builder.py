@@ -28,7 +28,7 @@ from ruledgraph_factors import FactorError, LineChart, same_line_factor, triangu
 
 
 class ImpossibleLineError(RuledgraphError):
-    """A track's points place its line where no line can be seen."""
+    """A track's points put its line behind the camera or too close to it."""
 
 
 class _Seen(NamedTuple):
@@ -36,7 +36,7 @@ class _Seen(NamedTuple):
 
     interval: Interval
     frames: list[int]
-    """Those of the interval that saw it, by their place in it."""
+    """Indices of the interval's frames that saw it."""
     sightings: list[Sighting]
 
 
@@ -46,23 +46,23 @@ class LineGraphBuilder:
     Args:
         model: of the camera and its edge points.
         config: of lines.
-        known: of tracks by number, what a start found of them.
+        initial_lines: estimates of a start, by the number of the track.
     """
 
     def __init__(
         self,
         model: EdgeModel,
         config: LinesConfig,
-        known: Mapping[int, tuple[LineChart, FloatArray]],
+        initial_lines: Mapping[int, tuple[LineChart, FloatArray]],
     ) -> None:
         self._model = model
         self._config = config
-        self._known = dict(known)
+        self._initial_lines = dict(initial_lines)
         self._keys_so_far = 0
 
-    def is_known(self, id_: int) -> bool:
-        """Whether a start found the line of a track."""
-        return id_ in self._known
+    def has_initial_line(self, id_: int) -> bool:
+        """Whether a start has estimated the line of a track."""
+        return id_ in self._initial_lines
 
     def observe(
         self,
@@ -89,7 +89,7 @@ class LineGraphBuilder:
         """Give a track a variable, with factors in all intervals that saw it.
 
         Returns:
-            The line; None if its points do not tell yet where it is.
+            The line; None if it cannot be triangulated yet.
 
         Raises:
             ImpossibleLineError: if they place it behind the camera or too close to it.
@@ -98,10 +98,10 @@ class LineGraphBuilder:
         seen = [part for part in seen if part.frames]
         if not seen:
             return None
-        known = self._known.pop(track.id, None) or self._triangulated(seen)
-        if known is None:
+        line_values = self._initial_lines.pop(track.id, None) or self._triangulated(seen)
+        if line_values is None:
             return None
-        chart, delta = known
+        chart, delta = line_values
         unseen, in_plane = self._config.new_unseen_variance, self._config.new_seen_variance
         first = seen[0]
         line = Landmark(
@@ -147,14 +147,14 @@ class LineGraphBuilder:
         return fit.chart, np.zeros(4)
 
     def reanchor(self, line: Landmark, update: GraphUpdate) -> None:
-        """A new chart at the current estimate, under a new key that is tied to the old one.
+        """A new chart at the current estimate, under a new key, with a factor to the old one.
 
-        The smoother never linearises a variable anew whose neighbour has left the window. A line
-        that was not seen from two places by then would keep a depth of which nothing was known.
+        The smoother does not relinearise a variable whose neighbour has left the window. A line
+        without parallax until then would stay linearised at an arbitrary depth.
         """
-        # The marginal that fixed the old variable knows it where it was linearised. Here, as far
-        # from there as it has moved, what it leaves open (place and heading) looks a little
-        # different: a tie closer than that would make it known, and tear at it.
+        # The marginal on the old variable was linearised elsewhere. Its unobservable directions
+        # (position and yaw) differ from those here by about the change of the estimate: a tighter
+        # factor would constrain them, which is inconsistent.
         moved = float(np.abs(line.delta - line.linearized).max())
         noise = noiseModel.Isotropic.Sigma(4, moved)
         old_key, key, anchor = line.key, L(self._keys_so_far), line.chart.world_T_anchor
@@ -162,7 +162,7 @@ class LineGraphBuilder:
             chart, by_delta = line.chart.reanchor(line.delta, anchor)
             factor = same_line_factor(noise, old_key, key, line.chart, line.delta, chart)
         except FactorError:
-            return  # through its anchor: it will be judged
+            return  # through its anchor: `LineMap.check_fit` deals with it
         self._keys_so_far += 1
         update.factors.add(factor)
         update.values.insert(key, np.zeros(4))

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The lines of the window: this is the one place that decides on the life of a line.
 
-A line is born when its track is mature and can be triangulated, is observed interval by interval,
-gets a new variable when it has moved far from where the smoother holds it, is rejected when it does
-not fit its points, and retires when it was last seen before the window.
+A line enters when its track is mature and can be triangulated, is observed interval by interval,
+gets a new variable when its estimate has moved far from its linearisation point, is rejected when
+it does not fit its points, and retires when it was last seen before the window.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -32,25 +32,25 @@ class LineMap:
     Args:
         calibration: of the camera.
         config: all settings.
-        known: of tracks by number, what a start found of them.
+        initial_lines: estimates of a start, by the number of the track.
     """
 
     def __init__(
         self,
         calibration: Calibration,
         config: Config,
-        known: Mapping[int, tuple[LineChart, FloatArray]],
+        initial_lines: Mapping[int, tuple[LineChart, FloatArray]],
     ) -> None:
         self.lines: dict[int, Landmark] = {}
         """By their ids."""
         self.retired: list[Landmark] = []
         """Lines that left, until someone takes them."""
         self.rejected: set[int] = set()
-        """Ids of lines whose tracks are no use, until someone takes them."""
+        """Ids of rejected lines, whose tracks are to be dropped, until someone takes them."""
         self._config = config.lines
         self._min_track_age = config.tracks.min_track_age
         self._model = EdgeModel.of(calibration, config)
-        self._builder = LineGraphBuilder(self._model, config.lines, known)
+        self._builder = LineGraphBuilder(self._model, config.lines, initial_lines)
 
     # -- entering --------------------------------------------------------------------------------
 
@@ -72,8 +72,8 @@ class LineMap:
                 self._enter(track, intervals, now, update)
 
     def _is_mature(self, track: LineTrack, time: float) -> bool:
-        followed = time - track.first_time >= self._min_track_age
-        return self._builder.is_known(track.id) or (followed and track.in_view)
+        is_old = time - track.first_time >= self._min_track_age
+        return self._builder.has_initial_line(track.id) or (is_old and track.in_view)
 
     def _enter(
         self, track: LineTrack, intervals: Sequence[Interval], now: float, update: GraphUpdate
@@ -89,7 +89,7 @@ class LineMap:
     # -- staying ---------------------------------------------------------------------------------
 
     def reanchor(self, update: GraphUpdate) -> None:
-        """Give lines a new variable that have moved far from where the smoother holds them."""
+        """Give lines a new variable whose estimates moved far from their linearisation point."""
         for line in self.lines.values():
             if (
                 line.linearization_frozen
@@ -117,23 +117,23 @@ class LineMap:
 
     # -- leaving ---------------------------------------------------------------------------------
 
-    def judge(self, interval: Interval) -> None:
+    def check_fit(self, interval: Interval) -> None:
         """Reject lines that do not fit their points in the newest interval, or lie behind the
         camera.
         """
         of_frames = interval.cameras(self._model.body_T_cam)
-        at_node = interval.state(np.zeros(4))
+        state = interval.state(np.zeros(4))
         good, cameras, ends = [], [], []
         for seen in interval.observations:
             line, (frame, last_points) = seen.line, seen.last
             if seen.factor.spec.keys[-1] != line.key or self.lines.get(line.id) is not line:
                 continue  # it was just re-anchored, or dropped
-            fit = line_fit(seen, at_node, self._model, self._config)
-            interval.offsets.append(fit.offset)
-            interval.misfits += fit.misses
-            bad = fit.misses or fit.is_behind
-            line.bad_nodes = line.bad_nodes + 1 if bad else 0
-            if line.bad_nodes >= self._config.max_bad_states:
+            fit = line_fit(seen, state, self._model, self._config)
+            interval.line_offsets.append(fit.offset)
+            interval.misfits += fit.is_misfit
+            bad = fit.is_misfit or fit.is_behind
+            line.bad_states = line.bad_states + 1 if bad else 0
+            if line.bad_states >= self._config.max_bad_states:
                 self.rejected.add(line.id)
                 del self.lines[line.id]
             elif not bad:
@@ -152,7 +152,7 @@ class LineMap:
         self.rejected |= self.lines.keys()
         self.lines.clear()
 
-    def keep(self, keys: Iterable[int]) -> None:
+    def keep_only(self, keys: Iterable[int]) -> None:
         """Keep the lines with these variables alone."""
         kept = set(keys)
         self.lines = {id_: line for id_, line in self.lines.items() if line.key in kept}

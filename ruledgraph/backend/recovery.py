@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""All that a window knows, for a new smoother when the old one has failed."""
+"""A window's factors and variables, for a new smoother when the old one has failed."""
 
 from collections.abc import Iterable, Sequence
 
@@ -32,12 +32,16 @@ def rebuilt(
     factors.add(joint_prior(nodes[0]))
     for node in nodes:
         update.insert(node)
-    links = [interval.link for interval in intervals if interval.link is not None]
-    for i, link in enumerate(links):
-        random_walk_factor = link.random_walk_factor(links[i - 1], random_walk) if i else None
-        factors.add(random_walk_factor or link.prior())
-        values.insert(link.key, link.shift)
-        times[link.key] = link.time
+    time_offsets = [
+        interval.time_offset for interval in intervals if interval.time_offset is not None
+    ]
+    for i, time_offset in enumerate(time_offsets):
+        random_walk_factor = (
+            time_offset.random_walk_factor(time_offsets[i - 1], random_walk) if i else None
+        )
+        factors.add(random_walk_factor or time_offset.prior())
+        values.insert(time_offset.key, time_offset.residual_offset)
+        times[time_offset.key] = time_offset.time
     kept = {id(line) for line in lines}
     for interval in intervals:
         for factor in interval.imu_factors:

@@ -22,8 +22,9 @@ def resting(intervals: Sequence[Interval]) -> list[Interval]:
 def rest_factors(
     intervals: Sequence[Interval], now: float, config: RestConfig
 ) -> list[gtsam.NonlinearFactor]:
-    """What a rest says that goes on until the newest state, at time `now`, of the state in its
-    middle: no velocity, and no motion since its first state. The state's interval keeps them.
+    """Factors of a rest that lasts until the newest state, at time `now`, on the newest of its
+    states that is old enough: zero velocity, and no motion since the first state of the rest. They
+    are also added to that state's interval.
     """
     rest = resting(intervals)
     middle = next((part for part in rest if part.node.time <= now - config.settle_time), None)

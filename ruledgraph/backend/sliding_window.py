@@ -16,7 +16,7 @@ from ruledgraph.backend.rest_factors import rest_factors
 from ruledgraph.backend.start import Start
 from ruledgraph.backend.state_sequence import StateSequence
 from ruledgraph.backend.states import Interval, StateNode, add_priors
-from ruledgraph.backend.time_offset import OffsetLink
+from ruledgraph.backend.time_offset import TimeOffsetState
 from ruledgraph.backend.window_solver import WindowSolver
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
@@ -28,12 +28,12 @@ from ruledgraph.imu.buffer import ImuBuffer
 class Window:
     """Fixed-lag smoothing over states and lines.
 
-    Use `extend` for each new state, then `optimize`. `correction` is what the start's frames were
-    timed with beyond the calibration's time offset, s.
+    Use `extend` for each new state, then `optimize`. `offset_correction` (s) was added to the
+    calibration's time offset in the times of the start's frames.
     """
 
     def __init__(
-        self, calibration: Calibration, config: Config, start: Start, correction: float = 0.0
+        self, calibration: Calibration, config: Config, start: Start, offset_correction: float = 0.0
     ) -> None:
         self._config = config
         self._imu_noise = calibration.imu_noise
@@ -44,7 +44,7 @@ class Window:
         self.time_offset = start.time_offset
         """Beyond the calibration's, as of the newest interval, when it is estimated."""
         if start.time_offset is not None:
-            self.time_offset = start.time_offset.moved(correction)
+            self.time_offset = start.time_offset.plus(offset_correction)
         self.first_stamp = start.stamp
         self.solved = -math.inf
         """Time of the newest state that was optimised, s."""
@@ -84,7 +84,7 @@ class Window:
 
     def is_plausible(self) -> bool:
         """Whether the newest state can be one of a carried or flown camera and its IMU."""
-        return not self._solver.has_failed and self.newest.keeps(self._config.integrity)
+        return not self._solver.has_failed and self.newest.is_plausible(self._config.integrity)
 
     # -- growing ---------------------------------------------------------------------------------
 
@@ -95,7 +95,7 @@ class Window:
         imu: ImuBuffer,
         tracks: Iterable[LineTrack],
         still: bool,
-        correction: float = 0.0,
+        offset_correction: float = 0.0,
     ) -> None:
         """Add a state at the last of the frames that follow the newest one, with its factors.
 
@@ -105,39 +105,46 @@ class Window:
             imu: samples that cover them.
             tracks: of the lines to be taken in, usually all.
             still: whether the body has rested since the newest state, and for some time.
-            correction: of the calibration's time offset, that `times` were computed with, s.
+            offset_correction: what was added to the calibration's time offset in `times`, s.
         """
         before, latest = self.newest, self._states.latest_interval
-        again = 0
-        if latest is not None and not latest.is_known and not imu.is_lost(before.time):
-            again = 1
+        repeats_frame = False
+        if latest is not None and not latest.is_reliable and not imu.in_long_hole(before.time):
+            repeats_frame = True
             stamps, times = [latest.stamps[-1], *stamps], [before.time, *times]
-        previous_link, link = self._states.latest_link, self._link(before, correction)
+        before_offset = self._states.latest_time_offset
+        time_offset = self._new_time_offset(before, offset_correction)
         interval, new = imu_interval(
-            before, stamps, times, again, imu, self._imu_noise, link, still
+            before, stamps, times, repeats_frame, imu, self._imu_noise, time_offset, still
         )
         self._update.factors.add(interval.imu_factors[0])
-        if link is not None:
-            self._add_link(link, previous_link)
+        if time_offset is not None:
+            self._add_time_offset(time_offset, before_offset)
         self._states.append(interval, new)
         self._update.insert(new)
         for factor in rest_factors(self.intervals, new.time, self._config.rest):
             self._update.factors.add(factor)
         self.line_map.observe(tracks, self.intervals, new.time, self._update)
 
-    def _link(self, node: StateNode, correction: float) -> OffsetLink | None:
+    def _new_time_offset(self, node: StateNode, offset_correction: float) -> TimeOffsetState | None:
         """The time offset of the frames after a state, when that is estimated."""
         if self.time_offset is None:
             return None
         value, sigma = self.time_offset
-        return OffsetLink(node.index, node.time, correction, value - correction, sigma)
+        return TimeOffsetState(
+            node.index, node.time, offset_correction, value - offset_correction, sigma
+        )
 
-    def _add_link(self, link: OffsetLink, before: OffsetLink | None) -> None:
+    def _add_time_offset(
+        self, time_offset: TimeOffsetState, before: TimeOffsetState | None
+    ) -> None:
         random_walk = self._config.time_offset.random_walk
-        factor = link.random_walk_factor(before, random_walk) if before else link.prior()
+        factor = (
+            time_offset.random_walk_factor(before, random_walk) if before else time_offset.prior()
+        )
         self._update.factors.add(factor)
-        self._update.values.insert(link.key, link.shift)
-        self._update.times[link.key] = link.time
+        self._update.values.insert(time_offset.key, time_offset.residual_offset)
+        self._update.times[time_offset.key] = time_offset.time
 
     # -- solving ---------------------------------------------------------------------------------
 
@@ -152,10 +159,10 @@ class Window:
         self._solver.solve(self._update)
         self._update = GraphUpdate()
         self.solved = self.newest.time
-        link = self._states.latest_link
-        if link is not None:
-            self.time_offset = link.offset
-        self.line_map.judge(self.intervals[-1])
+        time_offset = self._states.latest_time_offset
+        if time_offset is not None:
+            self.time_offset = time_offset.offset
+        self.line_map.check_fit(self.intervals[-1])
         return gone
 
     def _drop_old(self) -> list[Interval]:

@@ -9,7 +9,7 @@ from gtsam.symbol_shorthand import B, V, X
 
 from ruledgraph.backend.rest_factors import resting
 from ruledgraph.backend.states import Interval, StateNode
-from ruledgraph.backend.time_offset import OffsetLink
+from ruledgraph.backend.time_offset import TimeOffsetState
 
 
 class StateSequence:
@@ -30,9 +30,9 @@ class StateSequence:
         return self.intervals[-1] if self.intervals else None
 
     @property
-    def latest_link(self) -> OffsetLink | None:
+    def latest_time_offset(self) -> TimeOffsetState | None:
         """The time offset of the latest interval, when that is estimated."""
-        return self.intervals[-1].link if self.intervals else None
+        return self.intervals[-1].time_offset if self.intervals else None
 
     @property
     def rests_since(self) -> float:
@@ -58,5 +58,5 @@ class StateSequence:
             pose, velocity = estimate.atPose3(X(node.index)), estimate.atVector(V(node.index))
             node.state = gtsam.NavState(pose, velocity)
             node.bias = estimate.atConstantBias(B(node.index))
-        for link in filter(None, (interval.link for interval in self.intervals)):
-            link.shift = estimate.atDouble(link.key)
+        for time_offset in filter(None, (interval.time_offset for interval in self.intervals)):
+            time_offset.residual_offset = estimate.atDouble(time_offset.key)

@@ -12,7 +12,7 @@ from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, V, X
 
 from ruledgraph.backend.landmarks import Landmark
-from ruledgraph.backend.time_offset import OffsetLink
+from ruledgraph.backend.time_offset import TimeOffsetState
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Covariances, blocks
@@ -38,15 +38,16 @@ class StateNode:
     state: gtsam.NavState
     bias: gtsam.imuBias.ConstantBias
     covariance: FloatArray
-    """Of pose, velocity and bias together, (15, 15): when it was new, at the end as it left."""
+    """Marginal of pose, velocity and bias, (15, 15), as of when the state was new; updated when it
+    leaves the window."""
 
     @property
     def covariances(self) -> Covariances:
         """Of pose (6, 6), velocity (3, 3) and bias (6, 6)."""
         return blocks(self.covariance)
 
-    def keeps(self, limits: IntegrityConfig, share: float = 1.0) -> bool:
-        """Whether velocity and biases are within a share of what they can be."""
+    def is_plausible(self, limits: IntegrityConfig, share: float = 1.0) -> bool:
+        """Whether velocity and biases are within a share of their limits."""
         return bool(
             np.linalg.norm(self.state.velocity()) < share * limits.max_speed
             and np.linalg.norm(self.bias.gyroscope()) < share * limits.max_gyroscope_bias
@@ -61,7 +62,7 @@ class LineObservation(NamedTuple):
     factor: RuledSurfaceFactor
     points: GeometricPoints
     last: tuple[int, FloatArray]
-    """The last frame that saw it, by its place in the interval, and the points there."""
+    """Index of the last frame that saw it, and the points there."""
 
 
 @dataclass(eq=False)
@@ -73,64 +74,65 @@ class Interval:
     """Of its frames, ns."""
     motion: FrameMotion
     imu_factors: list[gtsam.NonlinearFactor]
-    known: int
-    """How many of its frames come before the IMU is unreliable: the others' poses are guesses."""
-    again: int = 0
-    """1 when the state's own frame is the first: the interval before could not place it."""
-    link: OffsetLink | None = None
+    reliable_frames: int
+    """How many of its frames come before the IMU is unreliable; later poses are guesses."""
+    repeats_frame: bool = False
+    """Whether its first frame is the state's own, the last one of the interval before, whose pose
+    was a guess there."""
+    time_offset: TimeOffsetState | None = None
     """The time offset of its frames, when that is estimated."""
     still: bool = False
     """Whether the body rested all the time, and for some time before."""
     observations: list[LineObservation] = field(default_factory=list)
-    offsets: list[float] = field(default_factory=list)
-    """How far the points of each line that was compared with the estimate, when the interval was
-    the newest one, were off on average, by what they should be ..."""
+    line_offsets: list[float] = field(default_factory=list)
+    """Mean distance of a line's points from the line over its standard deviation, for each line
+    that was compared with them while the interval was the newest one ..."""
     misfits: int = 0
-    """... and how many of these lines did not fit their points."""
-    _placed: tuple[gtsam.NavState, list[gtsam.Pose3]] | None = None
-    _cameras: tuple[list[gtsam.Pose3], list[gtsam.Pose3]] | None = None
+    """... and how many of these lines did not fit."""
+    _cached_poses: tuple[gtsam.NavState, list[gtsam.Pose3]] | None = None
+    _cached_cameras: tuple[list[gtsam.Pose3], list[gtsam.Pose3]] | None = None
 
     @property
-    def is_known(self) -> bool:
+    def is_reliable(self) -> bool:
         """Whether the IMU was reliable all the time."""
-        return self.known == len(self.stamps)
+        return self.reliable_frames == len(self.stamps)
 
     @property
-    def time_shift(self) -> float:
-        """How much later than `motion` says its frames were taken, s."""
-        return 0.0 if self.link is None else self.link.shift
+    def residual_offset(self) -> float:
+        """Estimate of T(k), see `TimeOffsetState`: frames are so much later than in `motion`, s."""
+        return 0.0 if self.time_offset is None else self.time_offset.residual_offset
 
     def poses(self) -> list[gtsam.Pose3]:
         """world_T_body of its frames, computed anew when the node's state is replaced."""
-        placed, node = self._placed, self.node
-        if placed is None or placed[0] is not node.state:
-            poses = self.motion.poses(node.state, node.bias, time_shift=self.time_shift)
-            placed = self._placed = node.state, poses
-        return placed[1]
+        cached, node = self._cached_poses, self.node
+        if cached is None or cached[0] is not node.state:
+            poses = self.motion.poses(node.state, node.bias, time_shift=self.residual_offset)
+            cached = self._cached_poses = node.state, poses
+        return cached[1]
 
     def cameras(self, body_T_cam: gtsam.Pose3) -> list[gtsam.Pose3]:
-        """world_T_cam of its frames: `poses` with the camera's place in the body."""
-        bodies, cameras = self.poses(), self._cameras
+        """world_T_cam of its frames: `poses` with the camera's pose in the body."""
+        bodies, cameras = self.poses(), self._cached_cameras
         if cameras is None or cameras[0] is not bodies:
-            cameras = self._cameras = bodies, [pose.compose(body_T_cam) for pose in bodies]
+            cameras = self._cached_cameras = bodies, [pose.compose(body_T_cam) for pose in bodies]
         return cameras[1]
 
     def state(self, delta: FloatArray) -> State:
         """What the factor of a line at `delta` depends on."""
         pose, velocity = self.node.state.pose().matrix(), self.node.state.velocity()
         bias = self.node.bias.vector()
-        return State(pose, velocity, bias, _GRAVITY, delta, self.time_shift)
+        return State(pose, velocity, bias, _GRAVITY, delta, self.residual_offset)
 
     def seen(self, sightings: Sequence[Sighting]) -> tuple[list[int], list[Sighting]]:
-        """In which of its known frames a line was seen, and what there."""
+        """Indices of the reliable frames that saw a line, and the sightings."""
         hits: list[Sighting] = []
         for sighting in reversed(sightings):
             if sighting.stamp < self.stamps[0]:
                 break
             hits.append(sighting)
-        places = {stamp: i for i, stamp in enumerate(self.stamps[: self.known])}
-        hits = [sighting for sighting in reversed(hits) if sighting.stamp in places]
-        return [places[sighting.stamp] for sighting in hits], hits
+        index = {stamp: i for i, stamp in enumerate(self.stamps[: self.reliable_frames])}
+        hits = [sighting for sighting in reversed(hits) if sighting.stamp in index]
+        return [index[sighting.stamp] for sighting in hits], hits
 
 
 def insert_state(values: gtsam.Values, node: StateNode) -> None:
@@ -149,7 +151,7 @@ def add_priors(factors: gtsam.NonlinearFactorGraph, node: StateNode) -> None:
 
 
 def joint_prior(node: StateNode) -> gtsam.NonlinearFactor:
-    """What is known of a state: pose, velocity and bias with their joint covariance."""
+    """A prior on pose, velocity and bias of a state with their joint covariance."""
     keys, values = (X(node.index), V(node.index), B(node.index)), gtsam.Values()
     insert_state(values, node)
     root = np.linalg.cholesky(np.linalg.inv(node.covariance)).T

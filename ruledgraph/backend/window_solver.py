@@ -29,7 +29,7 @@ class WindowSolver:
         """Whether a new smoother, without the lines, failed as well."""
 
     def solve(self, update: GraphUpdate) -> None:
-        """Take in what is new; states and lines get the estimate and their covariances."""
+        """Update the smoother; states and lines get the estimate and their covariances."""
         was_dogleg, time = self._smoother.dogleg, self._states.newest.time
         try:
             self._solve(update)
@@ -38,13 +38,13 @@ class WindowSolver:
             self._recover()
         else:
             if self._smoother.dogleg and not was_dogleg:
-                trouble = f"at {time:.2f} s: {self._smoother.trouble}"
-                self.recoveries.append(f"{trouble}; solved by Dogleg steps")
+                reason = f"at {time:.2f} s: {self._smoother.dogleg_reason}"
+                self.recoveries.append(f"{reason}; solved by Dogleg steps")
         self._read_covariances()
 
     def _solve(self, update: GraphUpdate) -> None:
-        news = update.factors, update.values, update.times
-        estimate = self._smoother.update(*news, self._check)
+        added = update.factors, update.values, update.times
+        estimate = self._smoother.update(*added, self._check)
         self._states.read(estimate)
         self._line_map.read(estimate, self._smoother.linearization_point())
 
@@ -71,7 +71,7 @@ class WindowSolver:
                 lines, states = self._line_map.lines.values(), self._states
                 update = rebuilt(states.nodes, states.intervals, lines, self._config)
                 self._solve(update)
-                self._line_map.keep(update.times)
+                self._line_map.keep_only(update.times)
                 return
             except SmootherError:
                 continue
@@ -79,15 +79,15 @@ class WindowSolver:
 
     def _read_covariances(self) -> None:
         self.read_covariance(self._states.newest)
-        link = self._states.latest_link
-        if link is not None:
-            variance = self._smoother.covariance(link.key)
+        time_offset = self._states.latest_time_offset
+        if time_offset is not None:
+            variance = self._smoother.covariance(time_offset.key)
             if variance is not None:
-                link.sigma = float(np.sqrt(variance[0, 0]))
+                time_offset.sigma = float(np.sqrt(variance[0, 0]))
         self._line_map.read_covariances(self._smoother, self._states.newest.time)
 
     def read_covariance(self, node: StateNode) -> None:
-        """Of a state, as it is known now."""
+        """Of a state, by the smoother's present estimate."""
         keys = X(node.index), V(node.index), B(node.index)
         covariance = self._smoother.joint_covariance(keys)
         if covariance is not None:

@@ -43,12 +43,12 @@ class Estimate:
     lines: int
     """Lines of the graph that were seen in the frame."""
     status: Status
-    at_node: bool
+    at_state: bool
     """Whether the frame is a state's, optimised with all before it, or predicted from one."""
     segment: int = 0
     """Counts from 0; between two of them there is a gap or a failure."""
     time_offset: TimeOffset = NO_OFFSET
-    """t_imu - t_cam, s, as of the last state; without deviation where it is not estimated."""
+    """t_imu - t_cam, s, as of the last state; sigma 0 where it is not estimated."""
 
     @property
     def time(self) -> float:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is known of the time offset between camera and IMU."""
+"""The time offset between camera and IMU, with its standard deviation."""
 
 from typing import NamedTuple
 
@@ -13,9 +13,9 @@ class TimeOffset(NamedTuple):
     value: float
     sigma: float
 
-    def moved(self, by: float) -> "TimeOffset":
-        """The same counted from elsewhere."""
-        return TimeOffset(self.value + by, self.sigma)
+    def plus(self, other: float) -> "TimeOffset":
+        """The sum with a known offset, s."""
+        return TimeOffset(self.value + other, self.sigma)
 
 
 NO_OFFSET = TimeOffset(0.0, 0.0)

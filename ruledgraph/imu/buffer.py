@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""The IMU samples of the last seconds, and what is not known where there are none."""
+"""The IMU samples of the last seconds, and where they are unreliable."""
 
 import bisect
 from collections import deque
@@ -33,8 +33,8 @@ class ImuBuffer:
         self._repeats: list[float] = []
         self._holes: deque[UnreliableInterval] = deque()
         self._range = RangeWatch(config)
-        self.range_news = ""
-        """What was found of the sensors' range with the last sample."""
+        self.range_message = ""
+        """Message about the sensors' range after the last sample, empty if there is none."""
 
     def append(self, time: float, gyroscope: FloatArray, accelerometer: FloatArray) -> float:
         """Add a sample; one that is not later than the last is ignored.
@@ -56,7 +56,7 @@ class ImuBuffer:
             self._repeats.clear()
         self.accept_repeats()
         self._append(time, value)
-        self.range_news = self._range.add(time, value)
+        self.range_message = self._range.add(time, value)
         return hung
 
     @property
@@ -104,7 +104,7 @@ class ImuBuffer:
             if interval.stop > start and interval.start < stop
         ]
 
-    def is_lost(self, time: float) -> bool:
+    def in_long_hole(self, time: float) -> bool:
         """Whether it is so long since the last sample that lines are no longer where expected."""
         longest = self._config.max_hole
         return any(
@@ -112,7 +112,7 @@ class ImuBuffer:
             for interval in self.unreliable(time, time)
         )
 
-    def is_unsure(self, time: float) -> bool:
+    def was_degraded(self, time: float) -> bool:
         """Whether lines may have been lost, or readings were clipped, not long before."""
         recent, longest = (
             self.unreliable(time - self._config.unsure_time, time),
@@ -151,7 +151,7 @@ def _hole(start: float, stop: float, config: ImuConfig) -> UnreliableInterval:
 
 
 def _is_hole(interval: UnreliableInterval) -> bool:
-    return bool(np.all(interval.open > 0.0))
+    return bool(np.all(interval.sigmas > 0.0))
 
 
 def params_across(
@@ -159,14 +159,14 @@ def params_across(
 ) -> gtsam.PreintegrationCombinedParams:
     """The noise of what is integrated from start to stop across degraded stretches.
 
-    What a stretch leaves open does not change much within it: as white noise that leaves the same
-    at its end it has a density that grows with the root of its length.
+    The error within a stretch hardly changes. White noise with the same integral at its end has a
+    density that grows with the root of its length.
     """
     variance = np.zeros(6)
     for interval in unreliable:
         length = interval.stop - interval.start
         inside = min(interval.stop, stop) - max(interval.start, start)
-        variance += interval.open**2 * length * inside / (stop - start)
+        variance += interval.sigmas**2 * length * inside / (stop - start)
     params = noise.preintegration_params()
     params.setGyroscopeCovariance(np.diag(noise.gyroscope**2 + variance[:3]))
     params.setAccelerometerCovariance(np.diag(noise.accelerometer**2 + variance[3:]))

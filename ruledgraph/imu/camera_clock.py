@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""The camera's clock: frames are timed by what is known of its offset."""
+"""The camera's clock: frame times from stamps and the estimated offset."""
 
 import numpy as np
 
@@ -11,13 +11,13 @@ from ruledgraph.imu.synchronizer import Synchronizer
 
 
 class CameraClock:
-    """Follows the estimate of the time offset.
+    """Times the frames to come by the estimated time offset.
 
     Args:
         sensors: whose frames it times.
         calibrated: the calibration's offset, s.
-        config: whether it is estimated, and how it is followed.
-        warnings: where to say that the calibration is wrong.
+        config: whether it is estimated, and how fast frame times are corrected.
+        warnings: messages for the user.
     """
 
     def __init__(
@@ -29,7 +29,7 @@ class CameraClock:
     ) -> None:
         sigma = config.sigma if config.estimate else 0.0
         self.offset = TimeOffset(calibrated, sigma)
-        """t_imu - t_cam, s, as last known; without deviation when it is not estimated."""
+        """t_imu - t_cam, s, as last known; sigma 0 when it is not estimated."""
         self._config = config
         self._sensors = sensors
         self._calibrated = calibrated
@@ -41,27 +41,29 @@ class CameraClock:
         """
         if offset is None:
             return
-        self.offset = offset.moved(self._calibrated)
+        self.offset = offset.plus(self._calibrated)
         if not confirmed:
             return
-        correction, config = self._sensors.correction, self._config
-        if message := offset_warning(correction, offset, self._calibrated, config):
+        offset_correction, config = self._sensors.offset_correction, self._config
+        if message := offset_warning(offset_correction, offset, self._calibrated, config):
             self._warnings.once("time offset", message)
-        self._sensors.correction = corrected_offset(correction, offset, config)
+        self._sensors.offset_correction = corrected_offset(offset_correction, offset, config)
 
 
-def corrected_offset(correction: float, offset: TimeOffset, config: TimeOffsetConfig) -> float:
-    """The correction for the frames to come."""
+def corrected_offset(
+    offset_correction: float, offset: TimeOffset, config: TimeOffsetConfig
+) -> float:
+    """What to add to the calibration's offset for the frames to come, s."""
     step = config.max_step
-    return correction + float(np.clip(offset.value - correction, -step, step))
+    return offset_correction + float(np.clip(offset.value - offset_correction, -step, step))
 
 
 def offset_warning(
-    correction: float, offset: TimeOffset, calibrated: float, config: TimeOffsetConfig
+    offset_correction: float, offset: TimeOffset, calibrated: float, config: TimeOffsetConfig
 ) -> str | None:
     """What to warn of: an offset that is well known and far from the calibration's, s."""
     settled = offset.sigma < config.settled_sigma
-    settled = settled and abs(offset.value - correction) < config.settled_change
+    settled = settled and abs(offset.value - offset_correction) < config.settled_change
     if not settled or abs(offset.value) < config.warn_offset:
         return None
     return (

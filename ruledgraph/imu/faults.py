@@ -90,12 +90,12 @@ class SpikeFilter:
 
 
 class UnreliableInterval(NamedTuple):
-    """A stretch of time, s, in which the IMU says less than its noise figures."""
+    """A stretch of time, s, in which the IMU is worse than its noise figures."""
 
     start: float
     stop: float
-    open: FloatArray
-    """Deviations of rate (rad/s) and specific force (m/s^2) that it leaves open, by axes, (6,)."""
+    sigmas: FloatArray
+    """Standard deviations of rate (rad/s) and specific force (m/s^2) there, by axes, (6,)."""
 
 
 class RangeWatch:
@@ -159,12 +159,12 @@ class RangeWatch:
         return bool(drop > self._config.range_steps * self._steps[i % 6])
 
     def _mark(self, i: int, start: float, stop: float) -> None:
-        opened = np.zeros(6)
-        opened[i % 6] = self._config.range_open_share * abs(self._farthest[i])
+        sigmas = np.zeros(6)
+        sigmas[i % 6] = self._config.range_open_share * abs(self._farthest[i])
         while self.unreliable and self.unreliable[-1].stop >= start - self._config.range_join_time:
             last = self.unreliable.pop()
-            start, opened = min(start, last.start), np.maximum(opened, last.open)
-        self.unreliable.append(UnreliableInterval(start, stop, opened))
+            start, sigmas = min(start, last.start), np.maximum(sigmas, last.sigmas)
+        self.unreliable.append(UnreliableInterval(start, stop, sigmas))
 
     def forget(self, before: float) -> None:
         """Drop stretches that ended before a time."""

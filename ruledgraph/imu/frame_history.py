@@ -17,7 +17,7 @@ class FrameTime(NamedTuple):
     """A frame that was processed."""
 
     stamp: int
-    """ns, also its name."""
+    """ns; identifies the frame."""
     time: float
     """s, on the IMU's clock."""
 

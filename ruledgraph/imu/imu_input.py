@@ -66,9 +66,9 @@ class ImuInput:
                 f"the IMU spikes at {time:.2f} s: single readings far from both their neighbours "
                 "are replaced by what lies between them",
             )
-        if self.buffer.range_news:
+        if self.buffer.range_message:
             self._warnings.append(
-                f"{self.buffer.range_news}, as found at {time:.2f} s: what it reads there is "
+                f"{self.buffer.range_message}, as found at {time:.2f} s: what it reads there is "
                 "flagged; set a larger range"
             )
         if hung > self._config.max_sample_interval:

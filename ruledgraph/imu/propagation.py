@@ -22,7 +22,7 @@ def rotation_between(imu: ImuBuffer, start: float, stop: float) -> gtsam.Rot3:
     return rotation
 
 
-class KnownState(Protocol):
+class StateWithCovariance(Protocol):
     """A state at a time, s."""
 
     time: float
@@ -33,7 +33,7 @@ class KnownState(Protocol):
 
 
 def propagated_covariances(
-    node: KnownState, motion: FrameMotion, imu: ImuBuffer, noise: ImuNoise
+    node: StateWithCovariance, motion: FrameMotion, imu: ImuBuffer, noise: ImuNoise
 ) -> FloatArray:
     """Covariances of the states at all frames of a motion from a node, (n, 15, 15).
 
@@ -93,7 +93,7 @@ class ImuPropagator:
         """Begin anew: the state has changed, or there is a newer one."""
         self._preintegrated = None
 
-    def predict(self, node: KnownState, time: float) -> gtsam.NavState:
+    def predict(self, node: StateWithCovariance, time: float) -> gtsam.NavState:
         """The state at a later time, s, no earlier than asked for before."""
         if self._preintegrated is None:
             params = self._noise.preintegration_params()
@@ -105,7 +105,7 @@ class ImuPropagator:
         self._until = time
         return self._preintegrated.predict(node.state, node.bias)
 
-    def covariance(self, node: KnownState, time: float) -> FloatArray:
+    def covariance(self, node: StateWithCovariance, time: float) -> FloatArray:
         """Of the state at a later time, (15, 15)."""
         if time <= node.time:
             return node.covariance

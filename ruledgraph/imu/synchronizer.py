@@ -33,8 +33,8 @@ class Synchronizer:
         self._imu_input = ImuInput(warnings, config)
         self.frames = FrameHistory()
         """The frames that were processed."""
-        self.correction = 0.0
-        """Of the calibration's time offset, for the frames to come, s."""
+        self.offset_correction = 0.0
+        """What is added to the calibration's time offset for the frames to come, s."""
         self.image_rests: Callable[[], bool] = lambda: False
         """Whether the image shows no motion: then an IMU that repeats its reading does not hang."""
         self._config = config
@@ -61,7 +61,7 @@ class Synchronizer:
 
     def frame_time(self, frame: Frame) -> float:
         """Of the IMU's clock, s."""
-        return self.seconds(frame.stamp) + self._calibration.time_offset + self.correction
+        return self.seconds(frame.stamp) + self._calibration.time_offset + self.offset_correction
 
     def add_imu(self, sample: ImuSample) -> Gap | None:
         """Take in a sample, see `ImuInput.add`; a stamp in another unit is a `RuledgraphError`."""
@@ -161,10 +161,10 @@ class Synchronizer:
 
     def retime(self, change: float) -> None:
         """Move all frames in time, s."""
-        self.correction += change
+        self.offset_correction += change
         self.frames.retime(change, self.imu)
 
-    def begin_anew(self, stop: int) -> None:
+    def restart(self, stop: int) -> None:
         """Forget all before a stamp."""
         self._imu_input.clear()
         while self._first_waiting() < self.seconds(stop) and self._waiting:

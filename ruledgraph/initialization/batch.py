@@ -16,7 +16,7 @@ from ruledgraph.initialization.batch_graph import (
     POSE,
     VELOCITY,
     BatchGraph,
-    shift_key,
+    time_offset_key,
 )
 from ruledgraph.initialization.first_window import FirstWindow
 from ruledgraph.initialization.initial_values import InitialValues
@@ -57,7 +57,7 @@ class Batch:
         self.values = gtsam.Values()
         self.values.insert(BIAS, initial.bias)
         if self._is_timed:
-            self.values.insert(shift_key(window), 0.0)
+            self.values.insert(time_offset_key(window), 0.0)
         self.values.insert(POSE, gtsam.Pose3(initial.attitude, np.zeros(3)))
         self.values.insert(VELOCITY, initial.velocity)
         for i in range(len(self._charts)):
@@ -82,9 +82,9 @@ class Batch:
         return self.values.atConstantBias(BIAS)
 
     @property
-    def time_shift(self) -> float:
+    def residual_offset(self) -> float:
         """How much later than their times the frames were taken, s."""
-        return float(self.values.atDouble(shift_key(self._window))) if self._is_timed else 0.0
+        return float(self.values.atDouble(time_offset_key(self._window))) if self._is_timed else 0.0
 
     def line(self, i: int) -> tuple[LineChart, FloatArray]:
         """Chart and delta of a line."""
@@ -125,7 +125,7 @@ class Batch:
         charts = list(self._charts)
         body_T_cam = self._window.calibration.body_T_cam
         state = gtsam.NavState(self.pose, self.velocity)
-        poses = graph.motion.poses(state, self.bias, time_shift=self.time_shift)
+        poses = graph.motion.poses(state, self.bias, time_shift=self.residual_offset)
         cameras = [pose.compose(body_T_cam) for pose in poses]
         for i, (_, frames, sightings) in enumerate(self._window.seen):
             seen_from = [cameras[frame] for frame in frames]
@@ -158,9 +158,9 @@ class Batch:
         """
         keys = [POSE, VELOCITY, BIAS]
         if self._is_timed:
-            keys.append(shift_key(self._window))
+            keys.append(time_offset_key(self._window))
         linear = self._graph.factors.linearize(self.values)
-        return state_covariance(linear, keys, known=int(self._is_timed))
+        return state_covariance(linear, keys, fixed=int(self._is_timed))
 
     def velocity_covariances(self) -> tuple[FloatArray, FloatArray]:
         """Of the velocity at the window's start and at its end, in the world, (3, 3) each."""

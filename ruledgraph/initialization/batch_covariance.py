@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""How well a batch knows its state: by its noise model, and by how its lines differ."""
+"""Covariance of a batch's state: by the noise model, and by how much the lines disagree."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ from ruledgraph.core.arrays import FloatArray
 
 
 def state_covariance(
-    graph: gtsam.GaussianFactorGraph, state_keys: Sequence[int], known: int
+    graph: gtsam.GaussianFactorGraph, state_keys: Sequence[int], fixed: int
 ) -> FloatArray:
     """Of the state, from a graph linearised at its solution, whose other variables are lines.
 
@@ -28,10 +28,10 @@ def state_covariance(
     Args:
         graph: of the factors; those of a line have its key and those of the state.
         state_keys: of the variables that are asked for, in this order.
-        known: how many of the last columns count as known.
+        fixed: how many of the last columns count as known.
 
     Returns:
-        (n, n), n the columns of `state_keys` less `known`.
+        (n, n), n the columns of `state_keys` less `fixed`.
 
     Raises:
         RuntimeError, numpy.linalg.LinAlgError: when the state is indeterminate.
@@ -47,7 +47,7 @@ def state_covariance(
         own = of_lines.setdefault(lines.pop(), gtsam.GaussianFactorGraph()) if lines else others
         own.push_back(factor)
     information = others.hessian(ordering)[0]
-    count = len(information) - known
+    count = len(information) - fixed
     information = information[:count, :count]
     systems = []
     for line, own in of_lines.items():

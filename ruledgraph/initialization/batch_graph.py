@@ -52,14 +52,14 @@ class BatchGraph:
         self._window = window
         self._charts = charts
         offset = unknown_offset(window.config)
-        self._shift_key = None if offset is None else shift_key(window)
+        self._time_offset_key = None if offset is None else time_offset_key(window)
         self.motion = window.motion(bias, with_time=offset is not None)
         self.factors = gtsam.NonlinearFactorGraph()
         self._of_lines: list[tuple[int, gtsam.NoiseModelFactor]] = []
         self._add_state_priors(upright)
         if offset is not None:
             known = noiseModel.Isotropic.Sigma(1, offset.sigma)
-            self.factors.addPriorDouble(shift_key(window), 0.0, known)
+            self.factors.addPriorDouble(time_offset_key(window), 0.0, known)
         self._add_lines(cauchy_px, chunk)
 
     def _add_state_priors(self, upright: gtsam.Rot3) -> None:
@@ -92,9 +92,9 @@ class BatchGraph:
         self, i: int, noise: noiseModel.Base, motion: FrameMotion, points: GeometricPoints
     ) -> gtsam.NoiseModelFactor:
         rest = motion, self._charts[i], points, self._window.calibration.body_T_cam
-        if self._shift_key is None:
+        if self._time_offset_key is None:
             return ruled_surface_factor(noise, POSE, VELOCITY, BIAS, LINES + i, *rest)
-        keys = POSE, VELOCITY, BIAS, self._shift_key, LINES + i
+        keys = POSE, VELOCITY, BIAS, self._time_offset_key, LINES + i
         return ruled_surface_factor_with_time_offset(noise, *keys, *rest)
 
     def line_errors(self, values: gtsam.Values) -> FloatArray:
@@ -117,6 +117,6 @@ class BatchGraph:
         return [np.concatenate(own) for own in found]
 
 
-def shift_key(window: FirstWindow) -> int:
+def time_offset_key(window: FirstWindow) -> int:
     """Of the time offset."""
     return LINES + len(window.seen)

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.initialization.image_rotation import PointPairs, followed_rays
-from ruledgraph.initialization.turn_fit import PARAMETERS, TurnFit
+from ruledgraph.initialization.image_rotation import PointPairs, tracked_rays
+from ruledgraph.initialization.rotation_fit import PARAMETERS, RotationFit
 from ruledgraph_factors import ImuSamples
 
 RANGE = 0.1
@@ -84,7 +84,7 @@ class ClockOffsetFinder:
             if time - before < _APART:
                 return
             near = time - before < _TOO_FAR
-            rays = followed_rays(last, image, self._calibration.camera) if near else None
+            rays = tracked_rays(last, image, self._calibration.camera) if near else None
             if rays is not None:
                 self._times.append((before, time))
                 self._rays.append(rays)
@@ -124,7 +124,7 @@ def fit_offset(
     pairs: PointPairs, samples: ImuSamples, calibration: Calibration, bias_sigma: float
 ) -> ClockOffset | None:
     """The offset by all of these pairs; see `ClockOffsetFinder`."""
-    fit = TurnFit(pairs, samples, calibration, bias_sigma)
+    fit = RotationFit(pairs, samples, calibration, bias_sigma)
     steps = round(RANGE / _STEP)
     coarse = np.array([calibration.time_offset + _STEP * i for i in range(-steps, steps + 1)])
     costs = fit.profile(coarse)
@@ -140,7 +140,7 @@ def fit_offset(
     found = fit.linearized(fit.best_at(offset))
     sigma = float(found.sigmas[0])
     far = np.abs(coarse - offset) > _BEYOND * sigma
-    others = np.append(costs.sum(axis=1)[far], fit.unturned_cost)
+    others = np.append(costs.sum(axis=1)[far], fit.no_rotation_cost)
     if others.min() - found.evidence.costs.sum() < _BEATEN * found.variance:
         return None
     x = found.solution()

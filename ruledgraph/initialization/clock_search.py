@@ -23,7 +23,7 @@ _SIGNIFICANT = 3.0
 
 
 class ClockSearch:
-    """Looks for the clock offset until the images of a segment have told it."""
+    """Looks for the clock offset until the images of a segment have shown it."""
 
     def __init__(self, calibration: Calibration, config: Config, warnings: Messages) -> None:
         self.config = config
@@ -36,9 +36,9 @@ class ClockSearch:
         self._warnings = warnings
         self._finder: ClockOffsetFinder | None = None
         self._checked = False
-        self.begin_anew()
+        self.restart()
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """A segment has ended."""
         if self.config.time_offset.estimate:
             bias_sigma = self.config.start.gyroscope_bias

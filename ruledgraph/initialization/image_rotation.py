@@ -44,22 +44,22 @@ class PointPairs(NamedTuple):
     after: FloatArray
 
 
-class TurnEvidence(NamedTuple):
-    """What pairs of images say of how the camera turned between them, about given turns.
+class RotationEvidence(NamedTuple):
+    """What pairs of images say of how the camera turned between them, about given rotations.
 
     Turning by Exp(delta) Exp(turn) instead costs `-2 gradient.delta + delta.information.delta`
     more, rotation vectors in the axes of the camera before. In units of `POINT_SIGMA`'s variance.
     """
 
     costs: FloatArray
-    """Of these turns, squared and with a Cauchy loss, (P,)."""
+    """Of these rotations, squared and with a Cauchy loss, (P,)."""
     gradient: FloatArray
     """(P, 3), 1/rad."""
     information: FloatArray
     """(P, 3, 3), 1/rad^2."""
 
 
-def followed_rays(
+def tracked_rays(
     before: NDArray[np.uint8], after: NDArray[np.uint8], camera: CameraModel
 ) -> tuple[FloatArray, FloatArray] | None:
     """Unit rays of points followed from one image to another, (n, 3) each, padded with zeros.
@@ -84,39 +84,41 @@ def followed_rays(
     return np.pad(rays[0][kept], padding), np.pad(rays[1][kept], padding)
 
 
-def turn_evidence(pairs: PointPairs, turns: FloatArray, focal_length: float) -> TurnEvidence:
-    """What pairs say about turns, the directions of the translations eliminated.
+def rotation_evidence(
+    pairs: PointPairs, rotations: FloatArray, focal_length: float
+) -> RotationEvidence:
+    """What pairs say about rotations, the directions of the translations eliminated.
 
     Args:
         pairs: P of them.
-        turns: rotation vectors of the camera from before to after, (P, 3), rad.
+        rotations: rotation vectors of the camera from before to after, (P, 3), rad.
         focal_length: px.
     """
-    turned, normals, axes, sizes, errors = _geometry(pairs, turns, focal_length)
+    turned, normals, axes, sizes, errors = _geometry(pairs, rotations, focal_length)
     there = pairs.before[..., 2] > 0.0
     scale = POINT_SIGMA / focal_length
     r = errors / scale
     direction = axes[:, None, :, 0]
     # d . (a x (delta x R b)) = delta . (R b x (d x a)).
-    by_turn = np.cross(turned, np.cross(direction, pairs.before))
+    by_rotation = np.cross(turned, np.cross(direction, pairs.before))
     by_direction = np.einsum("pni,pij->pnj", normals, axes[:, :, 1:])
-    J = np.concatenate([by_turn, by_direction], axis=2) / (sizes * scale)[..., None]
+    J = np.concatenate([by_rotation, by_direction], axis=2) / (sizes * scale)[..., None]
     weighted = J * (there * _weights(r))[..., None]
     N = np.einsum("pni,pnj->pij", weighted, J)
     g = -np.einsum("pni,pn->pi", weighted, r)
     # Without translation nearly nothing is known of its direction.
     corner = N[:, 3:, 3:] + 1e-9 * np.trace(N, axis1=1, axis2=2)[:, None, None] * np.eye(2)
     gain = np.linalg.solve(corner, N[:, 3:, :3]).transpose(0, 2, 1)
-    return TurnEvidence(
+    return RotationEvidence(
         _CAUCHY**2 * np.sum(there * np.log1p((r / _CAUCHY) ** 2), axis=1),
         g[:, :3] - np.einsum("pij,pj->pi", gain, g[:, 3:]),
         N[:, :3, :3] - gain @ N[:, 3:, :3],
     )
 
 
-def epipolar_error(pairs: PointPairs, turns: FloatArray, focal_length: float) -> float:
+def epipolar_error(pairs: PointPairs, rotations: FloatArray, focal_length: float) -> float:
     """How far points are from their epipolar planes: 1.48 times the median, px."""
-    errors = _geometry(pairs, turns, focal_length).errors[pairs.before[..., 2] > 0.0]
+    errors = _geometry(pairs, rotations, focal_length).errors[pairs.before[..., 2] > 0.0]
     return float(np.median(np.abs(errors))) / _MEDIAN * focal_length
 
 
@@ -133,8 +135,8 @@ class _Geometry(NamedTuple):
     """e, (P, n), rad."""
 
 
-def _geometry(pairs: PointPairs, turns: FloatArray, focal_length: float) -> _Geometry:
-    R = np.array([cv2.Rodrigues(turn)[0] for turn in turns])
+def _geometry(pairs: PointPairs, rotations: FloatArray, focal_length: float) -> _Geometry:
+    R = np.array([cv2.Rodrigues(turn)[0] for turn in rotations])
     turned = np.einsum("pij,pnj->pni", R, pairs.after)
     normals = np.cross(pairs.before, turned)
     weights = (pairs.before[..., 2] > 0.0).astype(np.float64)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""A start in motion: several hypotheses, the best of them, and whether it may be believed."""
+"""A start in motion: several hypotheses, the best of them, and whether it is accepted."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -82,7 +82,7 @@ def start_in_motion(
     best = solved(window)
     if not best:
         return Refusal("no start converged")
-    return _judged(best, window, stamps[0])
+    return _accepted(best, window, stamps[0])
 
 
 def solved(window: FirstWindow) -> list[Batch]:
@@ -131,8 +131,8 @@ def _tried(solve: Callable[[_T], Batch], given: _T) -> Batch | None:
         return None
 
 
-def _judged(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start | Refusal:
-    """The best hypothesis, if it may be believed."""
+def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start | Refusal:
+    """The best hypothesis, if it is accepted."""
     batch, config, start = best[0], window.config, window.config.start
     limit = _chi_square_2(start.confidence)
     fits = [misfit < limit for misfit in batch.misfits(window.sigma)]
@@ -161,7 +161,7 @@ def _judged(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start | R
     offset = unknown_offset(config)
     if offset is not None:
         # As wide as before: the window sees the same points again.
-        offset = TimeOffset(batch.time_shift, offset.sigma)
+        offset = TimeOffset(batch.residual_offset, offset.sigma)
     return Start(
         stamp=stamp,
         time=window.times[0],

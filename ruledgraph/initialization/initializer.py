@@ -58,7 +58,7 @@ class Initializer:
         self._retimed = False
         self.refusal = ""
         """Why the last attempt failed."""
-        self._takes_longest = True
+        self._try_longest = True
 
     def wait_from(self, time: float) -> None:
         """Count the time to the next attempt from here, s."""
@@ -111,8 +111,8 @@ class Initializer:
         shortest = min(start.shortest, longest)
         if available < shortest - EARLY:
             return None
-        length = min(longest, available) if self._takes_longest else shortest
-        self._takes_longest = not self._takes_longest
+        length = min(longest, available) if self._try_longest else shortest
+        self._try_longest = not self._try_longest
         if imu.unreliable(now.time - length, now.time):
             return None
         self._last_attempt = now.time

@@ -14,12 +14,12 @@ from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.initialization.clock_offset import fit_offset
 from ruledgraph.initialization.image_rotation import PointPairs
-from ruledgraph.initialization.turn_fit import TurnFit, body_turns
+from ruledgraph.initialization.rotation_fit import RotationFit, body_rotations
 from ruledgraph_factors import ImuSamples
 
 # Pairs of images and turning (rad/s, root mean square) without which nothing can be said.
 _FEWEST_PAIRS, _LEAST_TURNING = 20, 0.05
-# Another mounting must explain the points so much better to be believed.
+# The error of another mounting must be this much smaller for a warning.
 _BETTER = 0.7
 
 
@@ -53,14 +53,14 @@ def check_mounting(
     Args:
         pairs: of images, covered by `samples`.
         samples: of the gyroscope.
-        calibration: whose mounting is judged.
+        calibration: whose mounting is checked.
         bias_sigma: standard deviation of the gyroscope's bias, rad/s.
 
     Returns:
         None where there are too few pairs, or they turn too little.
     """
     offset = calibration.time_offset
-    rates = body_turns(pairs, samples, offset) / np.diff(pairs.times, axis=1)
+    rates = body_rotations(pairs, samples, offset) / np.diff(pairs.times, axis=1)
     if len(rates) < _FEWEST_PAIRS:
         return None
     if np.sqrt(np.sum(np.var(rates, axis=0))) < _LEAST_TURNING:
@@ -72,18 +72,18 @@ def check_mounting(
     def error(mounting: FloatArray) -> float:
         body_T_cam = gtsam.Pose3(gtsam.Rot3(mounting), calibration.body_T_cam.translation())
         other = dataclasses.replace(calibration, body_T_cam=body_T_cam)
-        fit = TurnFit(pairs, samples, other, bias_sigma)
+        fit = RotationFit(pairs, samples, other, bias_sigma)
         return fit.error(fit.best_at(offset))
 
-    said = calibration.body_T_cam.rotation().matrix()
-    return MountingCheck(error(said), min(map(error, _others(said))))
+    calibrated = calibration.body_T_cam.rotation().matrix()
+    return MountingCheck(error(calibrated), min(map(error, _others(calibrated))))
 
 
-def _others(said: FloatArray) -> Iterator[FloatArray]:
+def _others(calibrated: FloatArray) -> Iterator[FloatArray]:
     """The other 23 mountings with the camera's axes exchanged, and the inverse."""
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
             R = np.eye(3)[list(order)] * signs
             if np.linalg.det(R) > 0.0 and not np.allclose(R, np.eye(3)):
-                yield said @ R
-    yield said.T
+                yield calibrated @ R
+    yield calibrated.T

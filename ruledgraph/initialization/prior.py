@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is known before a start, and what every start leaves to choice."""
+"""Priors of a start, and the free choice of position and yaw."""
 
 from dataclasses import dataclass
 

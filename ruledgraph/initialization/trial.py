@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether a start in motion holds."""
+"""Whether a start in motion is accepted."""
 
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.start import Start
@@ -12,19 +12,19 @@ class Trial:
 
     def __init__(self, start: Start, time: float, config: IntegrityConfig) -> None:
         self._config = config
-        self._numbers = set(start.lines)
+        self._line_ids = set(start.lines)
         self._entered: set[int] = set()
         self._until = time + config.trial_time
-        self.trouble = ""
-        """Why it was none."""
+        self.failure = ""
+        """Why it is rejected."""
 
     def passed(self, window: Window) -> bool:
-        """Whether it is over and went well; look at `trouble` first."""
+        """Whether it is over and went well; look at `failure` first."""
         node = window.newest
-        self._entered |= self._numbers & window.lines.keys()
+        self._entered |= self._line_ids & window.lines.keys()
         gone = len(self._entered - window.lines.keys())
-        if gone > (1.0 - self._config.trial_min_stay) * len(self._numbers):
-            self.trouble = f"{gone} of its {len(self._numbers)} lines did not fit for long"
-        elif not node.keeps(self._config, self._config.trial_share):
-            self.trouble = "its velocity or biases are implausible"
-        return not self.trouble and node.time >= self._until
+        if gone > (1.0 - self._config.trial_min_stay) * len(self._line_ids):
+            self.failure = f"{gone} of its {len(self._line_ids)} lines did not fit for long"
+        elif not node.is_plausible(self._config, self._config.trial_share):
+            self.failure = "its velocity or biases are implausible"
+        return not self.failure and node.time >= self._until

@@ -48,8 +48,8 @@ class LineCheck:
         self._config = config
         self._misfit = 0.0
         self._misfit_since: float | None = None
-        self.share = 1.0
-        """Of the window's covariances, what stays where lines fit better than they should."""
+        self.covariance_share = 1.0
+        """Factor of the window's covariances, below 1 where lines fit better than expected."""
         self.lost = False
         """Whether most lines do not fit the estimate."""
 
@@ -77,17 +77,19 @@ class LineCheck:
                 self._misfit_since = None
         since = self._misfit_since
         is_long = since is not None and time - since >= limits.lost_time
-        # Where there are too few to judge by now, the others were lost; or nobody looks, at rest.
-        judged = misfit is not None or not still
-        self.lost = judged and self._misfit > (limits.max_misfit if is_long else limits.lost_misfit)
+        # Without enough lines: in motion the others were lost, at rest none are compared.
+        compared = misfit is not None or not still
+        self.lost = compared and self._misfit > (
+            limits.max_misfit if is_long else limits.lost_misfit
+        )
         excess = 1.0 if scale is None else scale**2
-        self.share = min(max(excess, limits.min_covariance_share), 1.0)
+        self.covariance_share = min(max(excess, limits.min_covariance_share), 1.0)
         return excess if misfit is None else max(excess, (misfit / limits.usual_misfit) ** 2)
 
 
 def imu_error(window: Window, config: IntegrityConfig) -> float | None:
-    """Twice the error of the last IMU factors, on average, but for the newest one, which hardly
-    anything contradicts yet; None if there are too few.
+    """Twice the error of the last IMU factors, on average, without the newest one, which little
+    contradicts yet; None if there are too few.
     """
     intervals = _last(list(window.intervals), window, config)
     if len(intervals) < config.min_intervals:
@@ -104,21 +106,21 @@ def imu_error(window: Window, config: IntegrityConfig) -> float | None:
 
 def misfit_share(window: Window, config: IntegrityConfig) -> float | None:
     """Share of the last intervals' lines that did not fit; None if there are too few."""
-    # At rest most do not look at any.
-    looked = [i for i in window.intervals if i.offsets or not i.still]
-    intervals = _last(looked, window, config)
-    judged = sum(len(interval.offsets) for interval in intervals)
+    # At rest most intervals have none.
+    observed = [i for i in window.intervals if i.line_offsets or not i.still]
+    intervals = _last(observed, window, config)
+    compared = sum(len(interval.line_offsets) for interval in intervals)
     misfits = sum(interval.misfits for interval in intervals)
-    return misfits / judged if judged >= config.min_observations else None
+    return misfits / compared if compared >= config.min_observations else None
 
 
 def line_scale(window: Window, config: IntegrityConfig) -> float | None:
-    """How many times further off than they should be the last intervals' lines are, as a whole,
-    while the body moves; None if there are too few.
+    """Standard deviation of the last intervals' line offsets while the body moves, 1 as expected;
+    None if there are too few.
     """
-    moving = [i for i in window.intervals if i.offsets and not i.still]
+    moving = [i for i in window.intervals if i.line_offsets and not i.still]
     intervals = _last(moving, window, config)
-    offsets = [offset for interval in intervals for offset in interval.offsets]
+    offsets = [offset for interval in intervals for offset in interval.line_offsets]
     if len(intervals) < config.min_moving_intervals or len(offsets) < config.min_offsets:
         return None
     return float(np.median(np.abs(offsets))) / _MEDIAN

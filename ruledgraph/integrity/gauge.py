@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Position and yaw that no measurement shows, and how a segment takes them over from the last."""
+"""Uncertainty of the unobservable position and yaw, and how a segment continues the last one."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -35,36 +35,38 @@ class GaugeUncertainty:
     """Covariance in the world, m^2."""
     heading: float = 0.0
     """Variance, rad^2."""
-    about: FloatArray = field(default_factory=lambda: np.zeros(3))
-    """Where the heading turns about."""
+    pivot: FloatArray = field(default_factory=lambda: np.zeros(3))
+    """Position that does not move with the heading, (3,), m."""
 
-    def grown(self, position: FloatArray, heading: float, about: FloatArray) -> "GaugeUncertainty":
-        """This and more of both; the heading turns about another position from now on."""
-        arm = np.cross(_UP, about - self.about)
+    def inflated(
+        self, position: FloatArray, heading: float, pivot: FloatArray
+    ) -> "GaugeUncertainty":
+        """More of both, with another pivot from now on."""
+        arm = np.cross(_UP, pivot - self.pivot)
         by_heading = self.heading * np.outer(arm, arm)
         return GaugeUncertainty(
-            self.position + by_heading + position, self.heading + heading, about
+            self.position + by_heading + position, self.heading + heading, pivot
         )
 
-    def added(
+    def added_to(
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
     ) -> Covariances:
-        """Covariances of a state with this in them."""
+        """Covariances of a state plus this."""
         of_pose, of_velocity, of_bias = covariances
         R = pose.rotation().matrix()
         of_pose = of_pose.copy()
         of_pose[3:, 3:] += R.T @ self.position @ R
         if self.heading == 0.0:
             return of_pose, of_velocity, of_bias
-        arm = np.cross(_UP, pose.translation() - self.about)
+        arm = np.cross(_UP, pose.translation() - self.pivot)
         by_heading = np.concatenate([R.T @ _UP, R.T @ arm])
         of_pose += self.heading * np.outer(by_heading, by_heading)
         turned = np.cross(_UP, velocity)
         return of_pose, of_velocity + self.heading * np.outer(turned, turned), of_bias
 
 
-class Ended(NamedTuple):
-    """The last that was known of a segment."""
+class ReliableState(NamedTuple):
+    """The last state of a segment whose lines fitted."""
 
     time: float
     pose: gtsam.Pose3
@@ -73,28 +75,28 @@ class Ended(NamedTuple):
 
 
 def continued(
-    start: Start, ended: Ended, config: IntegrityConfig
+    start: Start, last: ReliableState, config: IntegrityConfig
 ) -> tuple[Start, GaugeUncertainty]:
-    """A start in the world of the segment before it, and what the gap between them leaves open.
+    """A start in the world of the segment before it, and the gauge uncertainty that the gap adds.
 
-    The body goes on as it moved, for a while, and keeps its heading.
+    The body is taken to keep its velocity for a while, and its heading.
     """
-    gap = max(start.time - ended.time, 0.0)
-    attitude = ended.pose.rotation().matrix()
-    turn = heading(attitude[None], start.state.attitude().matrix()[None])
+    gap = max(start.time - last.time, 0.0)
+    attitude = last.pose.rotation().matrix()
+    rotation = heading(attitude[None], start.state.attitude().matrix()[None])
     fading = config.gap_velocity_time * (1.0 - np.exp(-gap / config.gap_velocity_time))
-    position = ended.pose.translation() + fading * ended.velocity
-    shift = position - turn.rotate(start.state.position())
-    of_pose, of_velocity, _ = ended.covariances
-    unsure = (gap - fading) * ended.velocity
-    open_position = (
+    position = last.pose.translation() + fading * last.velocity
+    translation = position - rotation.rotate(start.state.position())
+    of_pose, of_velocity, _ = last.covariances
+    unknown = (gap - fading) * last.velocity
+    position_covariance = (
         attitude @ of_pose[3:, 3:] @ attitude.T
         + of_velocity * gap**2
-        + np.outer(unsure, unsure)
+        + np.outer(unknown, unknown)
         + np.eye(3) * (0.5 * config.gap_acceleration * gap**2) ** 2
     )
     up = attitude.T @ _UP
-    open_heading = float(up @ of_pose[:3, :3] @ up) + (config.gap_turn_rate * gap) ** 2
-    return start.moved(gtsam.Pose3(turn, shift)), GaugeUncertainty(
-        open_position, open_heading, position
+    heading_variance = float(up @ of_pose[:3, :3] @ up) + (config.gap_turn_rate * gap) ** 2
+    return start.moved(gtsam.Pose3(rotation, translation)), GaugeUncertainty(
+        position_covariance, heading_variance, position
     )

@@ -1,12 +1,13 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""How far estimates may be believed beyond what the window says of them.
+"""Integrity monitoring: inflates covariances for errors that the window's marginals do not show.
 
-Four things the window cannot know: that images and IMU contradict each other or lines miss their
-points, where every factor is as certain as its noise figures say; that it is lost, where the robust
-loss gives up most lines and what is left agrees; that lines which are all parallel leave the motion
-along them to the IMU, where marginals of factors that were linearised elsewhere say otherwise; and
-that it moves a body which rests.
+- Images and IMU contradict each other, or lines miss their points: marginals depend on the assumed
+  noise, not on residuals.
+- The estimate is lost: the robust loss ignores most lines, and the remaining ones agree.
+- All lines are parallel: only the IMU observes the motion along them, but marginals of factors
+  linearised at other points say otherwise.
+- The estimate moves while the body rests.
 """
 
 from dataclasses import replace
@@ -29,28 +30,30 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 class IntegrityMonitor:
-    """Judges a segment state by state.
+    """Monitors a segment state by state.
 
     Args:
-        drift: what is open of the segment's position and heading from the beginning.
-        warnings: where to tell.
+        gauge_uncertainty: of the segment's position and heading at its start.
+        warnings: messages for the user.
         config: all settings.
     """
 
-    def __init__(self, drift: GaugeUncertainty, warnings: Messages, config: Config) -> None:
+    def __init__(
+        self, gauge_uncertainty: GaugeUncertainty, warnings: Messages, config: Config
+    ) -> None:
         self._fade_time = config.integrity.fade_time
-        self._drift = drift
+        self._base_gauge = gauge_uncertainty
         self._imu = ImuCheck(warnings, config.integrity)
         self._lines = LineCheck(warnings, config.integrity)
         self._parallel = ParallelLines(config.integrity)
         self._rest = RestSlide(warnings, config.rest.slide_warning)
-        # How many times as large the window's covariances are for all that is wrong.
+        # Factor by which the window's covariances are inflated.
         self._excess = 1.0
-        # In the world: the position's covariance by the window so far, and what it grew by.
-        self._record = self._open_position = np.zeros((3, 3))
+        # In the world: bound of the position's marginal so far, and what inflation has added to it.
+        self._largest_position = self._added_position = np.zeros((3, 3))
         self._time = 0.0
-        # What is open of position and heading for all that is known by now.
-        self._open = drift
+        # The gauge uncertainty with all that applies at the newest state.
+        self._gauge = gauge_uncertainty
         self.disagree = False
         """Whether images and IMU do, or lines and estimate."""
 
@@ -75,48 +78,50 @@ class IntegrityMonitor:
         elapsed, self._time = node.time - self._time, node.time
         excess = max(1.0, self._imu.excess(window), self._lines.excess(window, still))
         self._inflate(node, excess, elapsed)
-        self._keep(self._parallel.update(window, self._excess))
-        self._keep(self._rest.update(node.state.position(), node.time, still))
-        more = self._open_position - (self._excess - 1.0) * _of_position(node)
-        position = self._drift.position + self._parallel.covariance() + self._rest.covariance()
-        self._open = replace(self._drift, position=position + more)
+        self._add_to_gauge(self._parallel.update(window, self._excess))
+        self._add_to_gauge(self._rest.update(node.state.position(), node.time, still))
+        more = self._added_position - (self._excess - 1.0) * _of_position(node)
+        position = self._base_gauge.position + self._parallel.covariance() + self._rest.covariance()
+        self._gauge = replace(self._base_gauge, position=position + more)
 
-    def _keep(self, open_position: FloatArray) -> None:
-        """From now on so much more is open of the position."""
-        if open_position.any():
-            self._drift = replace(self._drift, position=self._drift.position + open_position)
+    def _add_to_gauge(self, position: FloatArray) -> None:
+        """Add a covariance of the position, (3, 3), for good."""
+        if position.any():
+            self._base_gauge = replace(
+                self._base_gauge, position=self._base_gauge.position + position
+            )
 
     def covariances(
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
     ) -> Covariances:
-        """Marginals of a state, inflated by what contradicts them, plus the gauge's uncertainty."""
+        """Marginals of a state, inflated by what contradicts them, plus the gauge uncertainty."""
         of_pose, of_velocity, of_bias = covariances
-        # Of the bias lines say little.
-        times = self._lines.share + self._excess - 1.0
+        # The bias depends little on how well lines fit.
+        times = self._lines.covariance_share + self._excess - 1.0
         scaled = times * of_pose, times * of_velocity, self._excess * of_bias
-        return self._open.added(scaled, pose, velocity)
+        return self._gauge.added_to(scaled, pose, velocity)
 
     def _inflate(self, node: StateNode, excess: float, elapsed: float) -> None:
         disagreed, self.disagree = self.disagree, self._imu.contradicts or self.misfits
         position = _of_position(node)
         if disagreed and not self.disagree:
-            # What went wrong meanwhile stays.
+            # The error of position and heading meanwhile stays.
             up = node.state.attitude().matrix().T @ _UP
-            self._drift = self._drift.grown(
-                _enclosing(self._open_position, (self._excess - 1.0) * position),
+            self._base_gauge = self._base_gauge.inflated(
+                _enclosing(self._added_position, (self._excess - 1.0) * position),
                 (self._excess - 1.0) * float(up @ node.covariances[0][:3, :3] @ up),
                 node.state.position(),
             )
-            self._excess, self._open_position = 1.0, np.zeros((3, 3))
+            self._excess, self._added_position = 1.0, np.zeros((3, 3))
         fading = 1.0 if self.disagree else float(np.exp(-elapsed / self._fade_time))
         self._excess = max(excess, fading * self._excess)
-        # What went wrong with the position stays: as much as now, and what comes as it drifts on.
-        record = _enclosing(self._record, position)
-        came = (self._excess - 1.0) * (record - self._record)
-        self._open_position = _enclosing(
-            self._open_position + came, (self._excess - 1.0) * position
+        # The position keeps its error: the inflated part as of now, and that of further drift.
+        largest = _enclosing(self._largest_position, position)
+        came = (self._excess - 1.0) * (largest - self._largest_position)
+        self._added_position = _enclosing(
+            self._added_position + came, (self._excess - 1.0) * position
         )
-        self._record = record
+        self._largest_position = largest
 
 
 def _of_position(node: StateNode) -> FloatArray:

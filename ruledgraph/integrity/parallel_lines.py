@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""What parallel lines leave open: the motion along them, which the IMU alone carries on."""
+"""Uncertainty of the motion along parallel lines, which only the IMU observes."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ class ParallelLines:
         self._since: float | None = None
         self._time = 0.0
         self._along = np.zeros(3)
-        self._at_first: tuple[float, float] = (0.0, 0.0)
+        self._initial_variances: tuple[float, float] = (0.0, 0.0)
 
     @property
     def for_long(self) -> bool:
@@ -32,7 +32,7 @@ class ParallelLines:
         """Look at the window's newest state, whose covariances are too small by `excess`.
 
         Returns:
-            What stays open of the position once the lines are no longer parallel, (3, 3), m^2.
+            Covariance of the position that remains after the lines were parallel, (3, 3), m^2.
         """
         self._time = window.newest.time
         directions = directions_in_view(window)
@@ -50,15 +50,15 @@ class ParallelLines:
             speed = float(self._along @ of_velocity @ self._along)
             tilt = float(np.trace(of_pose[:3, :3])) / 2.0
             force = float(np.linalg.eigvalsh(of_bias[:3, :3])[-1]) + _G**2 * tilt
-            self._at_first = (speed, force)
+            self._initial_variances = (speed, force)
         return np.zeros((3, 3))
 
     def covariance(self) -> FloatArray:
-        """Of the position in the world, what they leave open by now, (3, 3), m^2."""
+        """Of the position in the world along the lines, by now, (3, 3), m^2."""
         if self._since is None or not self.for_long:
             return np.zeros((3, 3))
         elapsed = self._time - self._since
-        speed, force = self._at_first
+        speed, force = self._initial_variances
         variance = speed * elapsed**2 + 0.25 * force * elapsed**4
         return variance * np.outer(self._along, self._along)
 

@@ -9,10 +9,10 @@ from ruledgraph.core.timing import Messages
 
 
 class RestSlide:
-    """As far as the estimate moves while the body rests, it is wrong, and stays so.
+    """Takes the motion of the estimate while the body rests for an error of the position.
 
     Args:
-        warnings: where to tell.
+        warnings: messages for the user.
         warn_distance: from which distance, m.
     """
 
@@ -26,7 +26,7 @@ class RestSlide:
         """Take in a state's position at a time (s), and whether the body has rested until then.
 
         Returns:
-            What stays open of the position when a rest is over, (3, 3), m^2.
+            Covariance of the position that remains when a rest is over, (3, 3), m^2.
         """
         if not still:
             stays = self.covariance()
@@ -43,5 +43,5 @@ class RestSlide:
         return np.zeros((3, 3))
 
     def covariance(self) -> FloatArray:
-        """Of the position in the world, that says so, (3, 3), m^2."""
+        """Of the position in the world for the motion so far, (3, 3), m^2."""
         return np.outer(self._slide, self._slide)

@@ -39,7 +39,7 @@ class EstimateReporter:
         monitor: of its integrity.
         imu: samples that cover the window.
         noise: of the IMU.
-        lines: says how far lines reach.
+        lines: settings of their ends.
         hold: keep everything back until `release`.
     """
 
@@ -65,7 +65,7 @@ class EstimateReporter:
     def release(self, window: Window) -> None:
         """Hand out what was held back, and what comes from now on at once.
 
-        Live estimates come as the window knows them by now: nobody has seen them before.
+        Live estimates are replaced by the window's present ones: none was handed out before.
         """
         held, self._held = self._held, None
         if held is not None:
@@ -86,7 +86,7 @@ class EstimateReporter:
         covariance: FloatArray,
         status: Status,
         lines: int,
-        at_node: bool,
+        at_state: bool,
         time_offset: TimeOffset,
     ) -> Estimate:
         """The estimate of the latest frame, whose state has this covariance, (15, 15)."""
@@ -99,7 +99,7 @@ class EstimateReporter:
             covariances=self._monitor.covariances(blocks(covariance), pose, velocity),
             lines=lines,
             status=status,
-            at_node=at_node,
+            at_state=at_state,
             segment=self._segment,
             time_offset=time_offset,
         )
@@ -133,13 +133,13 @@ class EstimateReporter:
                 covariances=self._monitor.covariances(blocks(covariance), pose, velocity),
                 lines=live.lines if live else 0,
                 status=live.status if live else otherwise,
-                at_node=stamp == interval.stamps[-1],
+                at_state=stamp == interval.stamps[-1],
                 segment=self._segment,
                 time_offset=live.time_offset if live else time_offset,
             )
 
     def _of_live(self, interval: Interval, live: Mapping[int, Estimate]) -> Iterable[Estimate]:
-        """Live estimates of an interval's frames, by stamp, as the window knows them by now."""
+        """Live estimates of an interval's frames, by stamp, updated by the window."""
         for stamp, pose, velocity, covariance in self._states(interval):
             if stamp in live:
                 yield replace(
@@ -151,12 +151,12 @@ class EstimateReporter:
                 )
 
     def _states(self, interval: Interval) -> list[_FrameState]:
-        """Of an interval's frames, but for one that another interval has placed."""
+        """Of an interval's frames, without one that repeats the interval before."""
         node, motion = interval.node, interval.motion
         covariances = propagated_covariances(node, motion, self._imu, self._noise)
         velocities = motion.velocities(node.state, node.bias)
         states = zip(interval.stamps, interval.poses(), velocities, covariances, strict=True)
-        return [_FrameState(*state) for state in states][interval.again :]
+        return [_FrameState(*state) for state in states][int(interval.repeats_frame) :]
 
     def lines(self, landmarks: Iterable[Landmark]) -> None:
         """Lines that left the window."""

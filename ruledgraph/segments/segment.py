@@ -14,7 +14,7 @@ from ruledgraph.core.estimates import Status
 from ruledgraph.core.line_observations import LinePrediction
 from ruledgraph.imu.frame_history import EARLY, FrameTime
 from ruledgraph.imu.propagation import ImuPropagator
-from ruledgraph.integrity.gauge import Ended, GaugeUncertainty
+from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState
 from ruledgraph.integrity.monitor import IntegrityMonitor
 from ruledgraph.segments.reporter import EstimateReporter
 from ruledgraph.segments.stages import Stages
@@ -30,8 +30,8 @@ class TrajectorySegment:
         stages: before and after it.
         start: where it begins.
         frames: that the start was made of.
-        drift: what is open of its position and heading from the beginning.
-        ended: the segment before it.
+        gauge_uncertainty: of its position and heading at the start.
+        last_reliable: the last reliable state of the segment before it.
     """
 
     def __init__(
@@ -42,15 +42,15 @@ class TrajectorySegment:
         stages: Stages,
         start: Start,
         frames: Sequence[FrameTime],
-        drift: GaugeUncertainty,
-        ended: Ended | None,
+        gauge_uncertainty: GaugeUncertainty,
+        last_reliable: ReliableState | None,
     ) -> None:
         self._config = config
         self._stages = stages
         self.confirmed = not start.lines
-        """Whether the start holds: one in motion is on trial."""
-        self.window = Window(calibration, config, start, stages.sensors.correction)
-        self.monitor = IntegrityMonitor(drift, stages.output.warnings, config)
+        """Whether the start is accepted; one in motion is on trial first."""
+        self.window = Window(calibration, config, start, stages.sensors.offset_correction)
+        self.monitor = IntegrityMonitor(gauge_uncertainty, stages.output.warnings, config)
         imu, noise = stages.sensors.imu, calibration.imu_noise
         self._reporter = EstimateReporter(
             stages.output,
@@ -64,8 +64,8 @@ class TrajectorySegment:
         self._propagator = ImuPropagator(imu, noise)
         self.state = self.window.newest.state
         """Of the latest frame."""
-        self.ended = ended
-        """The last that was known of it, or of the segment before."""
+        self.last_reliable = last_reliable
+        """Its last state whose lines fitted, or that of the segment before."""
         self._still = False
         self._last_lines = frames[-1].time
         pending: list[FrameTime] = []
@@ -86,10 +86,10 @@ class TrajectorySegment:
     @property
     def detection_interval(self) -> float:
         """How often new lines are looked for, s."""
-        return self._idle if self._still else self._config.tracks.detection_interval
+        return self._idle_interval if self._still else self._config.tracks.detection_interval
 
     @property
-    def _idle(self) -> float:
+    def _idle_interval(self) -> float:
         """At rest new lines are looked for, and the window is solved, this often, s."""
         return min(self._config.window.lag / 2.0, self._config.rest.solve_interval)
 
@@ -99,16 +99,18 @@ class TrajectorySegment:
         return self.state
 
     def predicted_lines(self, time: float) -> Mapping[int, LinePrediction]:
-        """What is known of the lines of the graph, none where the motion is a guess."""
-        if self._is_blind(time):
+        """The lines of the graph; none where the IMU was unreliable."""
+        if self._is_motion_unreliable(time):
             return {}
         return {id_: line.prediction() for id_, line in self.window.lines.items()}
 
-    def _is_blind(self, time: float) -> bool:
-        """Whether the IMU was unreliable since lines were last placed."""
+    def _is_motion_unreliable(self, time: float) -> bool:
+        """Whether the IMU was unreliable in the last interval or since."""
         intervals = self.window.intervals
-        guessed = bool(intervals) and not intervals[-1].is_known
-        return guessed or bool(self._stages.sensors.imu.unreliable(self.window.newest.time, time))
+        unreliable = bool(intervals) and not intervals[-1].is_reliable
+        return unreliable or bool(
+            self._stages.sensors.imu.unreliable(self.window.newest.time, time)
+        )
 
     # -- afterwards ------------------------------------------------------------------------------
 
@@ -117,10 +119,10 @@ class TrajectorySegment:
         frames = self._stages.sensors.frames.after(self.window.newest.time)
         time, solved = frames[-1].time, self.window.solved
         still = self._is_still(time)
-        idle = still and self.confirmed and time - solved < self._idle - EARLY
+        idle = still and self.confirmed and time - solved < self._idle_interval - EARLY
         unmoved = self._config.rest.unmoved_px
         if idle and self._stages.rest.image_motion(solved) < unmoved:
-            self._extend(frames, still, look=False)
+            self._extend(frames, still, observe_lines=False)
             self._propagator.reset()
             self.state = self.window.newest.state
         else:
@@ -133,12 +135,12 @@ class TrajectorySegment:
     def _add_state(self, frames: Sequence[FrameTime]) -> None:
         self._extend(frames, self._is_still(frames[-1].time))
 
-    def _extend(self, frames: Sequence[FrameTime], still: bool, look: bool = True) -> None:
+    def _extend(self, frames: Sequence[FrameTime], still: bool, observe_lines: bool = True) -> None:
         self._still = still
         sensors, front_end = self._stages.sensors, self._stages.front_end
         stamps, times = [f.stamp for f in frames], [f.time for f in frames]
-        tracks = front_end.observed() if look else []
-        self.window.extend(stamps, times, sensors.imu, tracks, still, sensors.correction)
+        tracks = front_end.observed() if observe_lines else []
+        self.window.extend(stamps, times, sensors.imu, tracks, still, sensors.offset_correction)
         front_end.mark_lost(self.window.line_map.take_rejected())
 
     def _optimize(self) -> None:
@@ -152,7 +154,7 @@ class TrajectorySegment:
         clock.update(window.time_offset, self.confirmed and not self.monitor.disagree)
 
     def confirm(self) -> None:
-        """The start holds."""
+        """Accept a start that was on trial."""
         self.confirmed = True
         self._reporter.release(self.window)
 
@@ -173,15 +175,15 @@ class TrajectorySegment:
         )
         if not self.monitor.misfits:  # else it may be lost since then
             pose, velocity = estimate.world_T_body, estimate.velocity
-            self.ended = Ended(frame.time, pose, velocity, estimate.covariances)
+            self.last_reliable = ReliableState(frame.time, pose, velocity, estimate.covariances)
         return status
 
     def _status(self, time: float, lines: int) -> Status:
         limits = self._config.integrity
         if lines >= limits.min_lines:
             self._last_lines = time
-        unsure = self._stages.sensors.imu.is_unsure(time)
-        if unsure or self.monitor.disagree or self._is_blind(time):
+        degraded = self._stages.sensors.imu.was_degraded(time)
+        if degraded or self.monitor.disagree or self._is_motion_unreliable(time):
             return "degraded"
         if self._still:
             return "still"

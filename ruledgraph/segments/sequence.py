@@ -13,7 +13,7 @@ from ruledgraph.imu.propagation import rotation_between
 from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.initializer import Initializer
 from ruledgraph.initialization.trial import Trial
-from ruledgraph.integrity.gauge import Ended, GaugeUncertainty, continued
+from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState, continued
 from ruledgraph.segments.segment import TrajectorySegment
 from ruledgraph.segments.stages import Stages
 
@@ -26,8 +26,8 @@ class SegmentSequence:
         """None before a start, and between a segment's end and the next start."""
         self.last_status: Status | None = None
         """Of the last frame."""
-        self.last_trusted: Ended | None = None
-        """The last that was known before the segment; the next one begins there."""
+        self.last_reliable: ReliableState | None = None
+        """The last state whose lines fitted, where the next segment begins."""
         self.clock_search = ClockSearch(calibration, config, stages.output.warnings)
         """Of the time offset, by how the images turn."""
         self.initializer = Initializer(
@@ -83,9 +83,9 @@ class SegmentSequence:
         first = self.initializer.attempt(now)
         if first is None:
             return False
-        start, drift = first.start, GaugeUncertainty()
-        if self.last_trusted is not None:
-            start, drift = continued(start, self.last_trusted, self._config.integrity)
+        start, gauge_uncertainty = first.start, GaugeUncertainty()
+        if self.last_reliable is not None:
+            start, gauge_uncertainty = continued(start, self.last_reliable, self._config.integrity)
         self.current = TrajectorySegment(
             self._count,
             self._calibration,
@@ -93,8 +93,8 @@ class SegmentSequence:
             self._stages,
             start,
             first.frames,
-            drift,
-            self.last_trusted,
+            gauge_uncertainty,
+            self.last_reliable,
         )
         self._count += 1
         self._trial = None
@@ -102,18 +102,18 @@ class SegmentSequence:
             self._trial = Trial(start, now.time, self._config.integrity)
         return True
 
-    def goes_on(self, segment: TrajectorySegment, now: FrameTime) -> bool:
+    def continues(self, segment: TrajectorySegment, now: FrameTime) -> bool:
         """Whether the segment does, when a state was added; a start in motion that was none is
         taken back.
         """
         trial, failure, warnings = self._trial, segment.failure, self._stages.output.warnings
         if trial is not None:
             passed = trial.passed(segment.window)
-            if trouble := trial.trouble or failure:
+            if reason := trial.failure or failure:
                 warnings.append(
-                    f"the start in motion before {now.time:.2f} s is taken back: {trouble}"
+                    f"the start in motion before {now.time:.2f} s is taken back: {reason}"
                 )
-                self._take_back(now.time)
+                self._discard_start(now.time)
                 return False
             if passed:
                 segment.confirm()
@@ -124,7 +124,7 @@ class SegmentSequence:
             return False
         return not self._search_clock(now.time)
 
-    def _take_back(self, time: float) -> None:
+    def _discard_start(self, time: float) -> None:
         """Forget a start that is on trial."""
         self.current = self._trial = None
         self._count -= 1
@@ -139,11 +139,11 @@ class SegmentSequence:
         if found is None:
             return False
         if self._trial is not None:
-            self._take_back(time)
+            self._discard_start(time)
         elif self.current is not None:
             self.end()
         correction = found.value - self._calibration.time_offset
-        self.initializer.retime(correction - self._stages.sensors.correction)
+        self.initializer.retime(correction - self._stages.sensors.offset_correction)
         clock.offset = found
         return True
 
@@ -158,7 +158,7 @@ class SegmentSequence:
                 f"{sensors.seconds(gap.start):.2f} s: a new segment begins where the last one ended"
             )
         self.end()
-        sensors.begin_anew(gap.stop)
+        sensors.restart(gap.stop)
 
     def end_after_silence(self, time: float) -> None:
         """Without a frame for so long (until a time, s) that nothing of the window is left: end
@@ -191,11 +191,11 @@ class SegmentSequence:
         self.finish()
         self._stages.sensors.frames.clear()
         self._stages.front_end.clear()
-        self.clock_search.begin_anew()
+        self.clock_search.restart()
 
     def finish(self) -> None:
         """Hand out what is still in the window."""
         if self.current is not None:
             self.current.finish()
-            self.last_trusted = self.current.ended
+            self.last_reliable = self.current.last_reliable
         self.current = self._trial = None

@@ -97,7 +97,7 @@ class RerunLog(Closing):
             pose = estimate.world_T_body
             self._log("world/body", _transform(rr, pose))
             self._path_piece("world/live", pose.translation(), _LIVE)
-            if estimate.at_node:
+            if estimate.at_state:
                 self._states(estimate)
             if estimate.status != self._status:
                 self._status = estimate.status

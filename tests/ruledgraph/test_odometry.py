@@ -101,7 +101,7 @@ def times_solved(monkeypatch) -> list[float]:
 def test_a_long_rest_costs_little_and_moves_nothing(monkeypatch):
     solved = times_solved(monkeypatch)
     odometry, live, smoothed = run(resting_stream(6.0), small_stream()[1])
-    nodes = [e for e in live if e.at_node]
+    nodes = [e for e in live if e.at_state]
     assert len(nodes) > 25
     # One state in four is solved for, and the one at the end.
     assert np.diff(solved)[:-1] == pytest.approx(0.8, abs=0.05)
@@ -119,7 +119,7 @@ def test_slow_motion_that_looks_like_rest_is_solved_as_often_as_it_moves(monkeyp
     solved = times_solved(monkeypatch)
     odometry, live, _ = run(resting_stream(6.0, drift=0.5), small_stream()[1])
     assert odometry.warnings == []
-    moving = [e for e in live if e.at_node and e.status == "tracking"]
+    moving = [e for e in live if e.at_state and e.status == "tracking"]
     assert len(moving) >= 3
     assert np.median(np.diff(solved)) < 0.5
 
@@ -129,7 +129,7 @@ def test_a_recording_that_ends_at_an_unsolved_node_is_solved_to_its_end(monkeypa
     for measurement in resting_stream(3.0):
         odometry.add(measurement)
         live = odometry.take_live()
-        if solved and live and live[-1].at_node and odometry.window.newest.time > solved[-1]:
+        if solved and live and live[-1].at_state and odometry.window.newest.time > solved[-1]:
             break
     end = odometry.window.newest.time
     assert odometry.window.solved < end
@@ -343,7 +343,7 @@ def test_the_papers_points_work_too():
     assert ate(live, small_simulation()) < 0.05  # whole pixels of both sides of an edge
 
 
-def test_an_imu_that_is_silent_for_long_begins_a_new_segment_without_being_told():
+def test_an_imu_that_is_silent_for_long_begins_a_new_segment_without_a_gap_message():
     stream, calibration = small_stream(moving=True)
     stamps = [m.stamp for m in stream if isinstance(m, ImuSample)]
     start, stop = stamps[int(0.5 * len(stamps))], stamps[int(0.65 * len(stamps))]
@@ -406,7 +406,7 @@ def test_spikes_of_the_imu_are_replaced_and_counted():
     assert ate(live, small_simulation()) < 0.02  # as without
 
 
-def test_a_saturated_imu_is_told_and_flagged():
+def test_a_saturated_imu_is_reported_and_flagged():
     stream, calibration = small_stream()
     clipped = [
         m._replace(gyroscope=np.clip(m.gyroscope, -0.2, 0.2)) if isinstance(m, ImuSample) else m
@@ -418,7 +418,7 @@ def test_a_saturated_imu_is_told_and_flagged():
     assert ate(live, small_simulation()) < 0.1
 
 
-def test_a_camera_that_hangs_is_told_and_not_believed():
+def test_a_camera_that_hangs_is_reported_and_not_used():
     stream, calibration = small_stream()
     stamps = [frame.stamp for frame in frames(stream)]
     first, last = stamps[75], stamps[105]
@@ -435,7 +435,7 @@ def test_a_camera_that_hangs_is_told_and_not_believed():
     assert off_by_sigmas(live, small_simulation()).max() < 1.0
 
 
-def test_frames_that_come_late_are_told_once():
+def test_frames_that_come_late_are_reported_once():
     stream, calibration = small_stream()
     measurements = list(stream)
     for i, m in enumerate(measurements):
@@ -487,7 +487,7 @@ def test_a_start_on_moving_things_is_taken_back(monkeypatch):
     def refuted_once(self, window):
         calls.append(window)
         if len(calls) == 3:
-            self.trouble = "its lines were no good"
+            self.failure = "its lines were no good"
         return passed(self, window)
 
     monkeypatch.setattr(Trial, "passed", refuted_once)
@@ -511,7 +511,7 @@ def mirrored(measurements, after: float):
             yield measurement
 
 
-def test_lines_that_contradict_the_imu_are_told_and_flagged_or_given_up():
+def test_lines_that_contradict_the_imu_are_reported_and_flagged_or_end_the_segment():
     measurements, calibration = small_stream(seed=3)
     odometry, live = Odometry(calibration), []
     for measurement in mirrored(measurements, 2.5):
@@ -524,7 +524,7 @@ def test_lines_that_contradict_the_imu_are_told_and_flagged_or_given_up():
     assert all(e.status != "degraded" for e in before)
 
 
-def test_a_lost_estimate_ends_its_segment_where_it_was_last_trusted():
+def test_a_lost_estimate_ends_its_segment_at_its_last_reliable_state():
     config = load_config(None, ["integrity.lost_misfit=0.35"])
     measurements, calibration = small_stream(seed=3)
     odometry, live, smoothed = Odometry(calibration, config), [], []
@@ -537,6 +537,6 @@ def test_a_lost_estimate_ends_its_segment_where_it_was_last_trusted():
     assert "most lines do not fit the estimate" in odometry.warnings[-1]
     smoothed += odometry.take_smoothed()
     assert smoothed[-1].status == "degraded"
-    believed = [e for e in live if e.status != "degraded"]
-    assert odometry.last_trusted is not None
-    assert odometry.last_trusted.pose.equals(believed[-1].world_T_body, 1e-9)
+    reliable = [e for e in live if e.status != "degraded"]
+    assert odometry.last_reliable is not None
+    assert odometry.last_reliable.pose.equals(reliable[-1].world_T_body, 1e-9)

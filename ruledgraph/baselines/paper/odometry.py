@@ -199,7 +199,7 @@ class PaperOdometry(Output):
             covariances=(unknown, unknown[:3, :3], unknown),
             lines=frame.lines,
             status="tracking" if frame.lines >= _FEWEST_LINES else "dead reckoning",
-            at_node=False,
+            at_state=False,
         )
 
     # -- bookkeeping -----------------------------------------------------------------------------

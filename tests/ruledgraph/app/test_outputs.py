@@ -167,7 +167,7 @@ def test_ros_covariances_are_those_of_drawn_states():
         covariances=tuple(root @ root.T for root in roots),
         lines=0,
         status="tracking",
-        at_node=True,
+        at_state=True,
     )
     count = 20_000
     tangents = rng.normal(size=(count, 6)) @ roots[0].T

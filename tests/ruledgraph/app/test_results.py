@@ -28,7 +28,7 @@ def squared(*names: str) -> np.ndarray:
     return np.diag(np.square(np.concatenate([SIGMAS[name] for name in names])))
 
 
-def estimate(stamp: int = 1_500_000_000, at_node: bool = True) -> Estimate:
+def estimate(stamp: int = 1_500_000_000, at_state: bool = True) -> Estimate:
     return Estimate(
         stamp=stamp,
         world_T_body=gtsam.Pose3(gtsam.Rot3.Ry(np.pi / 2), np.array([1.0, 2.0, 3.0])),
@@ -42,7 +42,7 @@ def estimate(stamp: int = 1_500_000_000, at_node: bool = True) -> Estimate:
         ),
         lines=17,
         status="still",
-        at_node=at_node,
+        at_state=at_state,
         segment=3,
         time_offset=TimeOffset(0.004, 0.0005),
     )
@@ -68,7 +68,7 @@ def table(path: Path) -> list[dict[str, str]]:
 @pytest.fixture
 def folder(tmp_path) -> Path:
     with Results(tmp_path / "run", Config()) as results:
-        results.write([estimate(), estimate(1_600_000_000, at_node=False)], [], [line()])
+        results.write([estimate(), estimate(1_600_000_000, at_state=False)], [], [line()])
     return tmp_path / "run"
 
 

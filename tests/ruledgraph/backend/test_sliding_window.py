@@ -85,23 +85,23 @@ def clipped_run(seed: int) -> tuple[float, list[Interval], IdealTracks]:
     return error, [*left, *window.intervals], made
 
 
-def test_nodes_of_clipped_intervals_are_tied_by_their_own_frames(monkeypatch):
+def test_states_of_clipped_intervals_share_a_frame(monkeypatch):
     errors, without = [], []
     for seed in range(4):
         error, intervals, made = clipped_run(seed)
         errors.append(error)
         for before, after in pairwise(intervals):
-            assert after.again == (not before.is_known)
-            assert (after.stamps[0] == before.stamps[-1]) == bool(after.again)
+            assert after.repeats_frame == (not before.is_reliable)
+            assert (after.stamps[0] == before.stamps[-1]) == after.repeats_frame
             for line, factor, *_ in after.observations:
                 sightings = made.tracks[line.id - 1].sightings
                 index, _ = after.seen(sightings)
                 assert index
-                assert max(index) < after.known
+                assert max(index) < after.reliable_frames
                 assert factor.keys()[0] == X(after.node.index)
-        assert sum(interval.again for interval in intervals) > 3
+        assert sum(interval.repeats_frame for interval in intervals) > 3
         with monkeypatch.context() as patch:
-            patch.setattr(ImuBuffer, "is_lost", lambda *_: True)
+            patch.setattr(ImuBuffer, "in_long_hole", lambda *_: True)
             without.append(clipped_run(seed)[0])
     assert np.median(errors) < 0.03  # three times what is allowed of one that is not clipped
     assert np.median(errors) < 0.5 * np.median(without)
@@ -137,7 +137,7 @@ def test_a_rebuilt_smoother_holds_the_lines_it_had(monkeypatch):
     ("position", "velocity", "is_rebuilt"),
     [(0.5, 0.0, False), (2.0, 0.0, True), (0.0, 1.5, False), (0.0, 6.0, True)],
 )
-def test_an_estimate_that_jumps_is_not_believed(monkeypatch, position, velocity, is_rebuilt):
+def test_an_estimate_that_jumps_is_rejected(monkeypatch, position, velocity, is_rebuilt):
     """By a metre or 3 m/s from where the IMU takes it."""
     made = ideal_tracks(3, hand_held(np.random.default_rng(3)))
     update, calls = FixedLagSmoother.update, []

@@ -29,15 +29,17 @@ ON, OFF = (load_config(None, [f"time_offset.estimate={way}"]) for way in ("true"
 def run_window(made: IdealTracks, offset: float, following: bool = True) -> Window:
     """Frames taken `offset` later than their times say, until these are corrected."""
     window = Window(CALIBRATION, ON, start_of(made, time_offset=PRIOR))
-    correction = 0.0
+    offset_correction = 0.0
     for first in range(1, len(made.times), 3):
         part = slice(first, first + 3)
-        times = (made.times[part] - offset + correction).tolist()
-        window.extend(made.stamps[part], times, made.imu, made.tracks, False, correction)
+        times = (made.times[part] - offset + offset_correction).tolist()
+        window.extend(made.stamps[part], times, made.imu, made.tracks, False, offset_correction)
         window.optimize()
         assert window.time_offset is not None
         if following:
-            correction = corrected_offset(correction, window.time_offset, ON.time_offset)
+            offset_correction = corrected_offset(
+                offset_correction, window.time_offset, ON.time_offset
+            )
     return window
 
 
@@ -88,7 +90,7 @@ def test_a_correction_follows_in_steps_that_keep_frames_in_order():
 
 
 @pytest.mark.parametrize(
-    ("correction", "offset", "warned"),
+    ("offset_correction", "offset", "warned"),
     [
         (0.005, TimeOffset(0.005, 2e-4), True),
         (-0.005, TimeOffset(-0.005, 2e-4), True),
@@ -97,8 +99,8 @@ def test_a_correction_follows_in_steps_that_keep_frames_in_order():
         (0.002, TimeOffset(0.002, 2e-4), False),  # not far
     ],
 )
-def test_an_offset_far_from_the_calibration_is_told(correction, offset, warned):
-    message = offset_warning(correction, offset, 0.0021, ON.time_offset)
+def test_an_offset_far_from_the_calibration_is_reported(offset_correction, offset, warned):
+    message = offset_warning(offset_correction, offset, 0.0021, ON.time_offset)
     assert (message is not None) == warned
     if message and offset.value > 0.0:
         assert "7.1 ms after" in message

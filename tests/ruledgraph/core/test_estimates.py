@@ -18,7 +18,7 @@ def estimate() -> Estimate:
         covariances=(pose, velocity, bias),
         lines=7,
         status="tracking",
-        at_node=True,
+        at_state=True,
     )
 
 

@@ -38,7 +38,7 @@ def test_a_hanging_imu_is_silent():
     assert (start, stop) == pytest.approx((99 * STEP, 140 * STEP))
 
 
-def test_while_it_hangs_time_stands_still_and_then_it_is_told():
+def test_while_it_hangs_time_stands_still_and_then_it_is_reported():
     imu = filled(hang=range(150, 200))
     assert imu.latest == pytest.approx(149 * STEP)
     assert imu.append(200 * STEP, np.ones(3), np.ones(3)) == pytest.approx(50 * STEP)
@@ -107,11 +107,11 @@ def test_clipped_readings_are_degraded_in_their_axis():
 
 def test_how_long_estimates_are_unsure():
     imu = clipped()
-    assert imu.is_unsure(0.2)
-    assert not imu.is_unsure(0.1)
-    assert not imu.is_lost(0.2)  # lines are still where the other axes say
+    assert imu.was_degraded(0.2)
+    assert not imu.was_degraded(0.1)
+    assert not imu.in_long_hole(0.2)  # lines are still where the other axes say
     for missing, unsure in ((15, False), (60, True)):
         imu = filled(skip=range(40, 40 + missing))
-        assert imu.is_lost((40 + missing - 2) * STEP) == unsure
-        assert not imu.is_lost((40 + missing + 1) * STEP)
-        assert imu.is_unsure((40 + missing + 10) * STEP) == unsure
+        assert imu.in_long_hole((40 + missing - 2) * STEP) == unsure
+        assert not imu.in_long_hole((40 + missing + 1) * STEP)
+        assert imu.was_degraded((40 + missing + 10) * STEP) == unsure

@@ -87,7 +87,7 @@ def test_a_step_is_no_spike():
     assert not any(reading.replaced for reading in readings)
 
 
-def test_nothing_is_judged_across_a_hole():
+def test_nothing_is_replaced_across_a_hole():
     times, values = hand_held()
     values[500] += 30.0
     times[501:] += 0.1
@@ -130,8 +130,8 @@ def test_the_end_of_a_range_is_found(seed, step):
     degraded = np.zeros(len(times), dtype=bool)
     for interval in watch.unreliable:
         degraded |= (times >= interval.start) & (times <= interval.stop)
-        np.testing.assert_array_equal(interval.open[3:], 0.0)
-        assert set(interval.open[:3].round(3)) <= {0.0, 0.175}  # half of the end
+        np.testing.assert_array_equal(interval.sigmas[3:], 0.0)
+        assert set(interval.sigmas[:3].round(3)) <= {0.0, 0.175}  # half of the end
     at_end = np.any(np.abs(values[:, :3]) == 0.35, axis=1)
     assert np.mean(degraded[at_end]) > 0.95
     # Stretches begin at the reading before, and bridge some between noisy ones at the end.

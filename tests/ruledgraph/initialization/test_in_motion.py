@@ -147,12 +147,12 @@ def test_one_line_is_refused_with_the_reason():
 
 
 @pytest.mark.parametrize(
-    ("velocity", "worse", "is_believed"),
+    ("velocity", "worse", "is_accepted"),
     [(1.0, 0.0, False), (1.0, 1e3, True), (0.0, 0.0, True)],
     ids=["another motion", "one that fits worse", "the same motion"],
 )
 def test_a_start_is_refused_when_another_motion_fits_as_well(
-    monkeypatch, velocity, worse, is_believed
+    monkeypatch, velocity, worse, is_accepted
 ):
     made = in_motion(0)
     best = solved(window_of(made))[0]
@@ -161,7 +161,7 @@ def test_a_start_is_refused_when_another_motion_fits_as_well(
     )
     monkeypatch.setattr(ruledgraph.initialization.in_motion, "solved", lambda _: [best, rival])
     start = begun(made)
-    assert isinstance(start, Start) == is_believed
+    assert isinstance(start, Start) == is_accepted
     if isinstance(start, Refusal):
         assert start.reason == "two motions explain the lines as well as each other"
 
@@ -187,21 +187,21 @@ def test_a_start_moves_to_where_the_last_segment_ended():
     np.testing.assert_allclose(after, turn.rotate(before) + np.array([1.0, 2.0, 3.0]), atol=1e-9)
 
 
-def test_a_start_is_believed_when_its_velocity_is_known_to_8_cm_per_s(monkeypatch):
+def test_a_start_is_accepted_when_its_velocity_is_known_to_8_cm_per_s(monkeypatch):
     made = in_motion(0)
-    for sigma, is_believed in ((0.07, True), (0.09, False)):
+    for sigma, is_accepted in ((0.07, True), (0.09, False)):
         covariances = (1e-6 * np.eye(3), sigma**2 * np.eye(3))
         monkeypatch.setattr(Batch, "velocity_covariances", lambda _, known=covariances: known)
-        assert isinstance(begun(made), Start) == is_believed
+        assert isinstance(begun(made), Start) == is_accepted
 
 
-def test_a_start_is_believed_when_a_third_of_the_sightings_contradicts_it(monkeypatch):
+def test_a_start_is_accepted_when_a_third_of_the_sightings_contradicts_it(monkeypatch):
     made = in_motion(0)
-    for share, is_believed in ((0.3, True), (0.4, False)):
+    for share, is_accepted in ((0.3, True), (0.4, False)):
 
         def misfits(_: Batch, sigma: float, share: float = share) -> list[np.ndarray]:
             assert sigma > 0.0
             return [np.where(np.arange(20) < 20 * share, 1e3, 0.0) for _ in made.tracks]
 
         monkeypatch.setattr(Batch, "misfits", misfits)
-        assert isinstance(begun(made), Start) == is_believed
+        assert isinstance(begun(made), Start) == is_accepted

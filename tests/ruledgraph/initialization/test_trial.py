@@ -36,14 +36,14 @@ def test_a_trial_is_passed_by_lines_that_stay():
     for time in (1.0, 1.2, 1.4):
         assert not trial.passed(window_at(time, range(20)))
     assert trial.passed(window_at(1.8, [0, 1, 2, 3, 17]))
-    assert not trial.trouble
+    assert not trial.failure
 
 
 def test_a_trial_fails_when_lines_go_or_the_state_is_absurd():
     trial = Trial(start_with(range(6)), 1.0, IntegrityConfig())
     assert not trial.passed(window_at(1.0, range(6)))
     assert not trial.passed(window_at(1.3, [0, 1]))
-    assert trial.trouble == "4 of its 6 lines did not fit for long"
+    assert trial.failure == "4 of its 6 lines did not fit for long"
     fast = Trial(start_with(range(6)), 1.0, IntegrityConfig())
     assert not fast.passed(window_at(2.0, range(6), velocity=30.0))
-    assert "implausible" in fast.trouble
+    assert "implausible" in fast.failure

@@ -8,7 +8,7 @@ import pytest
 
 from ruledgraph.backend.start import Start
 from ruledgraph.core.config import IntegrityConfig
-from ruledgraph.integrity.gauge import Ended, GaugeUncertainty, continued, heading
+from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState, continued, heading
 
 LIMITS = IntegrityConfig()
 MOUNTINGS = (gtsam.Rot3(), gtsam.Rot3.Ry(-np.pi / 2), gtsam.Rot3.Rx(-np.pi / 2))
@@ -38,61 +38,61 @@ def test_headings_of_any_mounting(mounting):
 
 
 @pytest.mark.parametrize("mounting", MOUNTINGS)
-def test_a_segment_goes_on_where_the_last_one_ended(mounting):
+def test_a_segment_continues_where_the_last_one_ended(mounting):
     tilted = gtsam.Rot3.Expmap(np.array([0.05, -0.02, 0.0])) * mounting
     pose = gtsam.Pose3(gtsam.Rot3.Yaw(1.0) * tilted, np.array([1.0, 2.0, 3.0]))
-    ended = Ended(10.0, pose, np.array([0.3, 0.0, 0.0]), CERTAIN)
+    last = ReliableState(10.0, pose, np.array([0.3, 0.0, 0.0]), CERTAIN)
     fresh = start_at(gtsam.Pose3(gtsam.Rot3.Yaw(-2.0) * tilted, np.array([5.0, 5.0, 5.0])), 10.01)
-    start, drift = continued(fresh, ended, LIMITS)
+    start, gauge = continued(fresh, last, LIMITS)
     assert start.state.attitude().equals(pose.rotation(), 1e-6)
     np.testing.assert_allclose(start.state.position(), [1.003, 2.0, 3.0], atol=1e-4)
-    assert np.sqrt(np.trace(drift.position)) < 0.01
+    assert np.sqrt(np.trace(gauge.position)) < 0.01
 
 
-def test_what_a_gap_leaves_open_grows_with_it():
+def test_gauge_uncertainty_grows_with_the_gap():
     pose = gtsam.Pose3(gtsam.Rot3.Yaw(1.0), np.array([1.0, 2.0, 3.0]))
-    ended = Ended(10.0, pose, np.array([2.0, 0.0, 0.0]), CERTAIN)
+    last = ReliableState(10.0, pose, np.array([2.0, 0.0, 0.0]), CERTAIN)
     sigmas = []
     for gap in (0.1, 1.0, 5.0):
-        start, drift = continued(start_at(gtsam.Pose3(), 10.0 + gap), ended, LIMITS)
-        off = start.state.position() - (pose.translation() + gap * ended.velocity)
-        assert off @ np.linalg.solve(drift.position, off) < 1.5  # had it gone on as it went
-        sigmas.append([np.sqrt(np.trace(drift.position)), np.sqrt(drift.heading)])
+        start, gauge = continued(start_at(gtsam.Pose3(), 10.0 + gap), last, LIMITS)
+        off = start.state.position() - (pose.translation() + gap * last.velocity)
+        assert off @ np.linalg.solve(gauge.position, off) < 1.5  # had it gone on as it went
+        sigmas.append([np.sqrt(np.trace(gauge.position)), np.sqrt(gauge.heading)])
     assert np.all(np.diff(sigmas, axis=0) > 0.0)
 
 
-def test_what_is_open_of_the_last_velocity_opens_the_place_over_a_gap():
-    """p' = p + v t, with what is unknown of p in the body frame and of v in the world."""
+def test_the_last_velocity_covariance_grows_into_the_position_over_a_gap():
+    """p' = p + v t, the covariance of p in the body frame and of v in the world."""
     pose = gtsam.Pose3(gtsam.Rot3.RzRyRx(0.5, -0.8, 2.0), np.array([1.0, 2.0, 3.0]))
     R, of_pose = pose.rotation().matrix(), np.diag([1e-6] * 3 + [1e-4, 4e-4, 9e-4])
     of_velocity = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.01]])
-    ended = Ended(10.0, pose, np.zeros(3), (of_pose, of_velocity, np.eye(6)))
+    last = ReliableState(10.0, pose, np.zeros(3), (of_pose, of_velocity, np.eye(6)))
     certain = IntegrityConfig(gap_acceleration=0.0, gap_turn_rate=0.0)
-    _, drift = continued(start_at(gtsam.Pose3(), 12.0), ended, certain)
-    np.testing.assert_allclose(drift.position, R @ of_pose[3:, 3:] @ R.T + 4.0 * of_velocity)
-    assert drift.heading == pytest.approx(1e-6)
+    _, gauge = continued(start_at(gtsam.Pose3(), 12.0), last, certain)
+    np.testing.assert_allclose(gauge.position, R @ of_pose[3:, 3:] @ R.T + 4.0 * of_velocity)
+    assert gauge.heading == pytest.approx(1e-6)
 
 
-def test_what_a_gap_leaves_open_by_its_settings():
-    ended = Ended(10.0, gtsam.Pose3(), np.zeros(3), tuple(0.0 * c for c in CERTAIN))
-    _, drift = continued(start_at(gtsam.Pose3(), 12.0), ended, LIMITS)
+def test_gauge_uncertainty_by_the_settings_of_a_gap():
+    last = ReliableState(10.0, gtsam.Pose3(), np.zeros(3), tuple(0.0 * c for c in CERTAIN))
+    _, gauge = continued(start_at(gtsam.Pose3(), 12.0), last, LIMITS)
     # Half an acceleration of 1 m/s^2 over 2 s, and a turn of 0.3 rad/s.
-    np.testing.assert_allclose(drift.position, 4.0 * np.eye(3))
-    assert drift.heading == pytest.approx(0.36)
+    np.testing.assert_allclose(gauge.position, 4.0 * np.eye(3))
+    assert gauge.heading == pytest.approx(0.36)
 
 
-def test_drift_in_covariances():
+def test_gauge_uncertainty_in_covariances():
     """By many worlds that are off as it says."""
     rng = np.random.default_rng(0)
     pose = gtsam.Pose3(gtsam.Rot3.RzRyRx(0.5, -0.8, 2.0), np.array([3.0, 1.0, 0.5]))
     velocity, position = np.array([1.0, 2.0, 0.0]), np.diag([1e-4, 4e-4, 1e-6])
-    drift = GaugeUncertainty(position, 1e-4, np.array([1.0, 0.0, 0.0]))
-    of_pose, of_velocity, _ = drift.added(CERTAIN, pose, velocity)
+    gauge = GaugeUncertainty(position, 1e-4, np.array([1.0, 0.0, 0.0]))
+    of_pose, of_velocity, _ = gauge.added_to(CERTAIN, pose, velocity)
     errors, changes = [], []
     for _ in range(20_000):
         turn = gtsam.Rot3.Yaw(1e-2 * rng.normal())
-        shift = rng.multivariate_normal(np.zeros(3), position) + drift.about
-        world = gtsam.Pose3(turn, shift - turn.rotate(drift.about))
+        shift = rng.multivariate_normal(np.zeros(3), position) + gauge.pivot
+        world = gtsam.Pose3(turn, shift - turn.rotate(gauge.pivot))
         errors.append(pose.localCoordinates(world * pose))
         changes.append(turn.rotate(velocity) - velocity)
     np.testing.assert_allclose(np.cov(np.array(errors).T), of_pose, atol=2e-5)

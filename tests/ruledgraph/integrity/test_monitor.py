@@ -65,7 +65,7 @@ def test_images_and_imu_that_agree(noise_times):
     assert 0.64 < share < 1.0
 
 
-def test_stamps_that_are_off_are_told():
+def test_stamps_that_are_off_are_reported():
     window, monitor, warnings = run(late=0.03)
     assert monitor.disagree
     assert "time offset or extrinsics may be wrong" in warnings[0]
@@ -134,11 +134,11 @@ def test_parallel_lines_leave_the_motion_along_them_open():
     assert abs(vectors[:, -1] @ along) > 0.98
 
 
-def judged(misfits: int):
-    """A window that has been judged: so many of ten lines miss in each of its intervals."""
+def compared(misfits: int):
+    """A window whose lines were compared: so many of ten lines miss in each of its intervals."""
     window, monitor, warnings = run()
     for interval in window.intervals:
-        interval.offsets, interval.misfits = 10 * [0.0], misfits
+        interval.line_offsets, interval.misfits = 10 * [0.0], misfits
     monitor.update(window, False)
     return window, monitor, warnings
 
@@ -146,8 +146,8 @@ def judged(misfits: int):
 @pytest.mark.parametrize(
     ("misfits", "disagree", "lost"), [(1, False, False), (4, True, False), (6, True, True)]
 )
-def test_lines_that_do_not_fit_are_told(misfits, disagree, lost):
-    window, monitor, warnings = judged(misfits)
+def test_lines_that_do_not_fit_are_reported(misfits, disagree, lost):
+    window, monitor, warnings = compared(misfits)
     assert (monitor.disagree, monitor.lost) == (disagree, lost)
     assert len(warnings) == disagree
     assert not disagree or "of the lines do not fit the estimate" in warnings[0]
@@ -156,7 +156,7 @@ def test_lines_that_do_not_fit_are_told(misfits, disagree, lost):
 
 
 def test_lines_that_do_not_fit_for_long_are_those_of_a_lost_estimate():
-    window, monitor, warnings = judged(misfits=4)
+    window, monitor, warnings = compared(misfits=4)
     window.newest.time += 1.0
     window.intervals[-1].node.time += 1.0
     monitor.update(window, False)
@@ -165,14 +165,14 @@ def test_lines_that_do_not_fit_for_long_are_those_of_a_lost_estimate():
 
 
 def test_nobody_looks_at_rest_so_nothing_is_lost_then():
-    window, monitor, _ = judged(misfits=4)
+    window, monitor, _ = compared(misfits=4)
     window.newest.time += 1.0
     for interval in window.intervals:
-        interval.offsets, interval.misfits, interval.still = [], 0, True
+        interval.line_offsets, interval.misfits, interval.still = [], 0, True
     monitor.update(window, True)
     assert not monitor.lost
     # Two looks far from each other, at lines that fit: the share is of those.
-    window.intervals[0].offsets = window.intervals[-1].offsets = 5 * [0.0]
+    window.intervals[0].line_offsets = window.intervals[-1].line_offsets = 5 * [0.0]
     monitor.update(window, True)
     assert not monitor.misfits
 
@@ -186,7 +186,7 @@ def test_points_that_are_off_by_what_they_should_be():
 
 
 def test_covariances_shrink_no_further_than_the_imu_allows():
-    window, monitor, _ = judged(misfits=0)
+    window, monitor, _ = compared(misfits=0)
     own = window.newest.covariances[0][3:, 3:]
     for elapsed in (100.0, 200.0):
         window.newest.time = elapsed
@@ -202,7 +202,7 @@ def test_covariances_shrink_no_further_than_the_imu_allows():
 def test_covariances_grow_with_how_far_lines_are_from_their_points():
     window, monitor, warnings = run()
     for interval in window.intervals:
-        interval.offsets = 3 * [-3.0 * 0.6745, 3.0 * 0.6745, 1e3, 0.0, 3.0 * 0.6745]
+        interval.line_offsets = 3 * [-3.0 * 0.6745, 3.0 * 0.6745, 1e3, 0.0, 3.0 * 0.6745]
     monitor.update(window, False)
     own = window.newest.covariances[0][3:, 3:]
     np.testing.assert_allclose(shown(window, monitor), 8.0 * own, rtol=1e-3)
@@ -211,14 +211,14 @@ def test_covariances_grow_with_how_far_lines_are_from_their_points():
     window.newest.time += 100.0
     for interval in window.intervals:
         interval.node.time += 100.0
-        interval.offsets = 15 * [0.6745]
+        interval.line_offsets = 15 * [0.6745]
     monitor.update(window, False)
     np.testing.assert_allclose(shown(window, monitor), 8.0 * own, rtol=1e-3)
     state = window.newest.state
     reported = monitor.covariances(window.newest.covariances, state.pose(), state.velocity())
     np.testing.assert_allclose(reported[1], window.newest.covariances[1], rtol=1e-6)
     # Nobody learns of it at rest, nor from a few.
-    for change in ({"still": True}, {"offsets": [3.0]}):
+    for change in ({"still": True}, {"line_offsets": [3.0]}):
         window, _, _ = run()
         for interval in window.intervals:
             vars(interval).update(change)
@@ -233,7 +233,7 @@ def test_what_was_wrong_is_forgotten_within_seconds(elapsed):
         window.newest.time += later
         for interval in window.intervals:
             interval.node.time += later
-            interval.offsets = 1000 * [scale * 0.6745]
+            interval.line_offsets = 1000 * [scale * 0.6745]
         monitor.update(window, False)
     state, own = window.newest.state, window.newest.covariances
     reported = monitor.covariances(own, state.pose(), state.velocity())
@@ -249,7 +249,7 @@ def test_a_place_that_drifts_on_is_further_off():
         window.newest.time += 100.0
         for interval in window.intervals:
             interval.node.time += 100.0
-            interval.offsets = 1000 * [scale * 0.6745]
+            interval.line_offsets = 1000 * [scale * 0.6745]
         monitor.update(window, False)
     # Nine times the first part, four times the second; nothing was new after that.
     np.testing.assert_allclose(shown(window, monitor), (8.0 + 3.0) * own, rtol=0.01)
@@ -265,7 +265,7 @@ def test_covariances_stay_covariances_while_the_body_turns():
         window.newest.time += 100.0
         for interval in window.intervals:
             interval.node.time += 100.0
-            interval.offsets = 1000 * [scale * 0.6745]
+            interval.line_offsets = 1000 * [scale * 0.6745]
         monitor.update(window, False)
     state = window.newest.state
     for angle in np.linspace(0.0, np.pi, 7):

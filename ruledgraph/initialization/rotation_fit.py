@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""The turns of a camera by the gyroscope, fitted to those of its images.
+"""The rotations of a camera by the gyroscope, fitted to those of its images.
 
 Least squares in the clock offset, the gyroscope's bias and the mounting; see `clock_offset`.
 """
@@ -12,9 +12,9 @@ from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.initialization.image_rotation import (
     PointPairs,
-    TurnEvidence,
+    RotationEvidence,
     epipolar_error,
-    turn_evidence,
+    rotation_evidence,
 )
 from ruledgraph_factors import ImuSamples
 
@@ -24,11 +24,11 @@ PARAMETERS = 7
 _DIFFERENCE = 0.004
 # Standard deviation of a calibrated mounting's rotation, per axis, rad.
 _MOUNTING = np.radians(1.0)
-_REST_STEPS = 2
+_STEPS = 2
 
 
-def body_turns(pairs: PointPairs, samples: ImuSamples, offset: float) -> FloatArray:
-    """What the gyroscope says of the body's turns between the images of pairs, (P, 3), rad."""
+def body_rotations(pairs: PointPairs, samples: ImuSamples, offset: float) -> FloatArray:
+    """What the gyroscope says of the body's rotations between the images of pairs, (P, 3), rad."""
     times, rates = np.asarray(samples.times), samples.gyroscope
     angles = np.zeros_like(rates)
     angles[1:] = np.cumsum(0.5 * (rates[1:] + rates[:-1]) * np.diff(times)[:, None], axis=0)
@@ -45,13 +45,13 @@ class LinearFit:
     def __init__(
         self,
         parameters: FloatArray,
-        evidence: TurnEvidence,
+        evidence: RotationEvidence,
         jacobian: FloatArray,
         prior: FloatArray,
     ) -> None:
         self.parameters, self.evidence = parameters, evidence
         g, information = evidence.gradient, evidence.information
-        # What the pairs' own best turns leave, of all that is left.
+        # What the pairs' own best rotations leave, of all that is left.
         small = 1e-9 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(3)
         own = np.einsum("pi,pi->", g, np.linalg.solve(information + small, g[..., None])[..., 0])
         self.variance = float(own) / (3 * len(g) - PARAMETERS)
@@ -63,8 +63,8 @@ class LinearFit:
         """The parameters of least squares."""
         return np.asarray(self.parameters + np.linalg.solve(self._H, self._g))
 
-    def with_rest(self) -> FloatArray:
-        """The same with this offset."""
+    def solution_at_offset(self) -> FloatArray:
+        """The best bias and mounting with the offset held fixed."""
         rest = np.linalg.solve(self._H[1:, 1:], self._g[1:])
         return np.asarray(self.parameters + np.concatenate([[0.0], rest]))
 
@@ -74,7 +74,7 @@ class LinearFit:
         return np.asarray(np.sqrt(np.diag(np.linalg.inv(self._H))))
 
 
-class TurnFit:
+class RotationFit:
     """Pairs of images, the gyroscope's samples, and how they go together."""
 
     def __init__(
@@ -91,21 +91,21 @@ class TurnFit:
         known = np.concatenate([[np.inf], np.repeat([bias_sigma, _MOUNTING], 3)])
         self._prior = 1.0 / known**2
 
-    def turns(self, parameters: FloatArray) -> FloatArray:
+    def rotations(self, parameters: FloatArray) -> FloatArray:
         """Turns of the pairs, w, (P, 3)."""
-        in_body = body_turns(self._pairs, self._samples, float(parameters[0]))
+        in_body = body_rotations(self._pairs, self._samples, float(parameters[0]))
         in_cam = (in_body - self._lengths * parameters[1:4]) @ self._cam_R_body.T
         return np.asarray(in_cam @ cv2.Rodrigues(parameters[4:])[0])
 
-    def evidence(self, parameters: FloatArray) -> TurnEvidence:
-        """Of the pairs at the turns of these parameters."""
-        return turn_evidence(self._pairs, self.turns(parameters), self._focal)
+    def evidence(self, parameters: FloatArray) -> RotationEvidence:
+        """Of the pairs at the rotations of these parameters."""
+        return rotation_evidence(self._pairs, self.rotations(parameters), self._focal)
 
     def best_at(self, offset: float) -> FloatArray:
         """The parameters with this offset and the best bias and mounting."""
         parameters = np.concatenate([[offset], np.zeros(6)])
-        for _ in range(_REST_STEPS):
-            parameters = self.linearized(parameters).with_rest()
+        for _ in range(_STEPS):
+            parameters = self.linearized(parameters).solution_at_offset()
         return parameters
 
     def profile(self, offsets: FloatArray) -> FloatArray:
@@ -113,24 +113,26 @@ class TurnFit:
         return np.array([self.evidence(self.best_at(offset)).costs for offset in offsets])
 
     @property
-    def unturned_cost(self) -> float:
+    def no_rotation_cost(self) -> float:
         """Of all pairs if the camera did not turn."""
         still = np.zeros((len(self._lengths), 3))
-        return float(turn_evidence(self._pairs, still, self._focal).costs.sum())
+        return float(rotation_evidence(self._pairs, still, self._focal).costs.sum())
 
     def error(self, parameters: FloatArray) -> float:
-        """How far points miss the gyroscope's turns, see `epipolar_error`, px."""
-        return epipolar_error(self._pairs, self.turns(parameters), self._focal)
+        """How far points miss the gyroscope's rotations, see `epipolar_error`, px."""
+        return epipolar_error(self._pairs, self.rotations(parameters), self._focal)
 
     def linearized(self, parameters: FloatArray) -> LinearFit:
         """About these parameters."""
-        turns = self.turns(parameters)
+        rotations = self.rotations(parameters)
         step = np.array([0.5 * _DIFFERENCE, *np.zeros(6)])
-        by_offset = (self.turns(parameters + step) - self.turns(parameters - step)) / _DIFFERENCE
+        by_offset = (
+            self.rotations(parameters + step) - self.rotations(parameters - step)
+        ) / _DIFFERENCE
         by_bias = -self._lengths[..., None] * (cv2.Rodrigues(-parameters[4:])[0] @ self._cam_R_body)
-        x, y, z = turns.T
+        x, y, z = rotations.T
         o = np.zeros_like(x)
         by_mounting = np.array([[o, -z, y], [z, o, -x], [-y, x, o]]).transpose(2, 0, 1)
         J = np.concatenate([by_offset[..., None], by_bias, by_mounting], axis=2)
-        evidence = turn_evidence(self._pairs, turns, self._focal)
+        evidence = rotation_evidence(self._pairs, rotations, self._focal)
         return LinearFit(parameters, evidence, J, self._prior)
