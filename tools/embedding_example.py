@@ -93,7 +93,7 @@ def simulate(seed: int) -> Recording:
 
     The edges are at most 27 degrees off the wall's plane. A new line starts perpendicular to its
     viewing ray; edges that recede by more than 45 degrees want `triangulate_line` instead, once
-    they were seen from two places.
+    they were seen from two positions.
     """
     rng = np.random.default_rng(seed)
     waypoints = np.arange(-0.5, 4.1, 0.5)

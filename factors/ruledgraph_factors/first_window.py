@@ -15,7 +15,7 @@ It is degenerate, and `DegenerateWindowError` says which of these it is, when
   moves within those planes;
 - the acceleration hardly changes: one that is constant in the start frame looks like a motion of
   any scale;
-- velocity and gravity are left open all the same;
+- velocity and gravity are too uncertain for another reason;
 - what comes out does not explain the points, has lines behind the camera, or a gravity that is not
   the Earth's.
 

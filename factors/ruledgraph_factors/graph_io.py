@@ -116,5 +116,5 @@ def _factors(
         factor = graph.at(index)
         spec = spec_of(factor)
         if spec is None and isinstance(factor, gtsam.CustomFactor):
-            raise FactorError(f"graph: factor {index} is a CustomFactor that only its maker knows")
+            raise FactorError(f"graph: factor {index} is a CustomFactor of another package")
         yield index, factor, spec

@@ -108,8 +108,8 @@ def line_distance_factor(
 
     A line along the motion shows no depth, and a small error of the velocity across it looks like
     depth: a normal prior on the chart then gives way and the line goes to infinity, where it holds
-    the camera no longer. This one does not give way. It is no prior on the line alone: one that
-    says how far the line is from a fixed place would draw the poses along, a little with each line.
+    the camera no longer. This one does not give way. It is no prior on the line alone: with a
+    distance from a fixed position each line would also constrain the unobservable position.
 
     Args:
         noise_model: of dimension 1, any kind, of the logarithm of the distance: log(4) for 1 / 4

@@ -105,8 +105,8 @@ def new_line_factor(
     has wrapped (`LineChart.is_far`) delta is the smallest, so that it is not drawn back all the
     way that it came.
 
-    A prior on delta alone would be one in the world: with every line that comes and goes they add
-    up to knowledge of place and heading that nothing shows, and the poses are drawn along.
+    A prior on delta alone would be one in the world frame. Those of all lines that come and go add
+    up and constrain the unobservable position and yaw of the poses.
 
     Args:
         noise_model: of dimension 4, any kind, of delta (rad), such as `NEW_LINE_SIGMAS`.

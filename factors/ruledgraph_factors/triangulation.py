@@ -116,7 +116,7 @@ def triangulate_line(
     fit = views.fit()
     chart, by_delta = views.chart.recentred(fit.delta)
     squares = fit.cost - float(_PRIOR @ fit.delta**2)
-    status, reason = views.judge(chart, squares)
+    status, reason = views.classify(chart, squares)
     if status in ("no_baseline", "within_plane"):  # what the fit made of these two is noise
         fit = views.fit_plane()
         chart, by_delta = views.chart.recentred(fit.delta)
@@ -166,7 +166,7 @@ class _Views:
         hessian[2:, 2:] = fit.hessian[2:, 2:]
         return LineMinimum(fit.delta, fit.cost, hessian)
 
-    def judge(self, chart: LineChart, squares: float) -> tuple[LineStatus, str]:
+    def classify(self, chart: LineChart, squares: float) -> tuple[LineStatus, str]:
         """Verdict on a fit with this sum of squared whitened distances."""
         normal = self.normal
         across = float(np.abs(self.centres @ normal).max())

@@ -41,7 +41,7 @@ class WindowSolution:
     velocity: FloatArray
     """Of the body in the world, (3,), m/s."""
     gravity: FloatArray
-    """In the world, (0, 0, -|g|), m/s^2; its distance from 9.81 tells how good the solution is."""
+    """In the world, (0, 0, -|g|), m/s^2; its distance from 9.81 shows how good the solution is."""
     charts: tuple[LineChart, ...]
     """One for each track; its line is at zeros(4)."""
     bias: gtsam.imuBias.ConstantBias
@@ -110,7 +110,7 @@ def refine(
         found = list(charts)
     if not (velocity_sigma < _WORST_VELOCITY_SIGMA and gravity_sigma < _WORST_GRAVITY_SIGMA):
         raise DegenerateWindowError(
-            f"velocity and gravity are left open, by {velocity_sigma:.2g} m/s and "
+            f"velocity and gravity are uncertain, by {velocity_sigma:.2g} m/s and "
             f"{gravity_sigma:.2g} m/s^2: too little motion across the lines"
         )
     suspicion = "the motion is too weak, or rotation, bias or association are wrong"

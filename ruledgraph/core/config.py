@@ -41,7 +41,7 @@ class LinesConfig(Section):
     new_plane_sigma: float = number(0.05, "rad", 1e-4, 1.0)
     """Deviation of a new line's points in the loose factor that holds its plane."""
     prior_distance: float = number(3.0, "m", 0.01, 1e4)
-    """Median distance of a new line from the camera, before it is seen from two places."""
+    """Median distance of a new line from the camera, before it is seen from two positions."""
     prior_distance_factor: float = number(4.0, "", 1.01, 1e3)
     """By what factor that may be wrong, one standard deviation."""
     covariances_per_state: int = number(4, "", 1, 200)

@@ -101,7 +101,7 @@ class TrackStarter:
         return Rulings(ends, np.ones((len(ends), 2)), slopes).part(order[new[order]])
 
     def _crowding(self, segments: FloatArray, own: Segments) -> FloatArray:
-        """1 for a direction and place without tracks, more where there are some already."""
+        """1 at a position without tracks, more where there are some already."""
         if not len(own.ends) or not len(segments):
             return np.ones(len(segments))
         size = np.array([self._camera.width, self._camera.height])

@@ -54,6 +54,6 @@ def image_fault(frame: Frame, camera: CameraModel) -> str:
 
 
 def _same(image: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
-    """Whether two images are equal; one row tells most apart."""
+    """Whether two images are equal; one row distinguishes most."""
     row = len(image) // 2
     return np.array_equal(image[row], other[row]) and np.array_equal(image, other)

@@ -115,7 +115,7 @@ class Synchronizer:
 
     @property
     def waits_for(self) -> str:
-        """The sensor that is silent, as the other one's stamps tell: `IMU`, `images`, or empty."""
+        """The sensor that is silent, by the other one's stamps: `IMU`, `images`, or empty."""
         latest, newest = self.imu.latest, self._image_input.newest
         if latest == -np.inf or self._ahead() > self._config.silent_time:
             return "IMU"

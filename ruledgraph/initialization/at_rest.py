@@ -38,7 +38,7 @@ def start_at_rest(
         time=stop,
         state=gtsam.NavState(attitude, np.zeros(3), np.zeros(3)),
         bias=gtsam.imuBias.ConstantBias(np.zeros(3), samples.gyroscope.mean(axis=0)),
-        # The accelerometer's bias cannot be told from a tilt.
+        # The accelerometer's bias cannot be distinguished from a tilt.
         pose_covariance=pose_covariance(attitude, a / _G),
         velocity_sigma=config.start.rest_velocity_sigma,
         bias_sigmas=np.repeat([a, config.start.rest_gyroscope_sigma], 3),

@@ -13,7 +13,7 @@ images say of w (see `image_rotation`) makes this a fit of least squares. As the
 ambiguous, tau is searched over a range, with the best b and phi for each. Variances are those of
 the residuals: what the best common parameters leave, of what the turns of the single pairs would.
 
-No offset is given where the motion does not tell it: it must be much more likely than all others
+No offset is given where the motion does not show it: it must be much more likely than all others
 of the range further than six of its standard deviations, and than that nothing turns.
 """
 
@@ -105,7 +105,7 @@ class ClockOffsetFinder:
     def find(self, samples: ImuSamples) -> ClockOffset | None:
         """The offset by the pairs whose gyroscope's samples are there over the whole range.
 
-        None where there are too few, or the motion does not tell.
+        None where there are too few, or the motion does not show it.
         """
         pairs = covered(self.pairs, samples, self._calibration.time_offset)
         if 3 * len(pairs.times) - PARAMETERS < _FEWEST_FREE:

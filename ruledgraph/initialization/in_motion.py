@@ -146,7 +146,7 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
         velocity_sigma = np.inf
     if not velocity_sigma < start.velocity_sigma:
         return Refusal(
-            f"the velocity is left open by {velocity_sigma:.2g} m/s: too little motion across "
+            f"the velocity is uncertain by {velocity_sigma:.2g} m/s: too little motion across "
             "the lines"
         )
     if len(best) > 1 and _is_rival(best[1], batch, covariances[0], start.confidence):

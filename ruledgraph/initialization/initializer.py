@@ -102,7 +102,7 @@ class Initializer:
 
     def _in_motion(self, now: FrameTime) -> Start | Refusal | None:
         """Tried in turn over the longest window that there is and the shortest: the longer one
-        knows more, in the shorter one fewer lines were lost.
+        holds more information, in the shorter one fewer lines were lost.
         """
         start = self._config.start
         longest = min(start.window, self._config.window.lag)

@@ -131,7 +131,7 @@ class SegmentSequence:
         self.initializer.wait_from(time)
 
     def _search_clock(self, time: float) -> bool:
-        """Time the frames by the offset that the images tell, if that is another one."""
+        """Time the frames by the offset that the images show, if that is another one."""
         clock = self._stages.clock
         # Before a start the calibration stands until something speaks against it.
         known = clock.offset._replace(sigma=0.0) if self.current is None else clock.offset
