@@ -49,12 +49,16 @@ class ClockSearch:
         if self._finder is not None:
             self._finder.add_image(time, image)
 
-    def search(self, imu: ImuBuffer, known: TimeOffset) -> TimeOffset | None:
+    def search(self, imu: ImuBuffer, known: TimeOffset, by_window: bool) -> TimeOffset | None:
         """The offset, if it is found by now and differs significantly from the known one.
 
         Args:
             imu: the samples of the last seconds.
             known: t_imu - t_cam, s, as far as it is known.
+            by_window: whether a window whose lines and IMU agree has estimated the known one. Where
+                that is more precise it stands: the window's model includes the translation, while
+                images of a plane turn in two ways equally well (that of the camera, and one that
+                explains the translation).
         """
         if self._finder is None:
             return None
@@ -64,6 +68,8 @@ class ClockSearch:
             self._check_mounting(self._finder, samples)
             return None
         self._finder, self.found = None, found
+        if by_window and known.sigma < found.sigma:
+            return None
         change = found.value - known.value
         differs = abs(change) >= _SIGNIFICANT * np.hypot(found.sigma, known.sigma)
         # What stands is known as well as that.

@@ -132,15 +132,16 @@ class SegmentSequence:
 
     def _search_clock(self, time: float) -> bool:
         """Time the frames by the offset that the images show, if that is another one."""
-        clock = self._stages.clock
+        clock, segment = self._stages.clock, self.current
         # Before a start the calibration stands until something speaks against it.
-        known = clock.offset._replace(sigma=0.0) if self.current is None else clock.offset
-        found = self.clock_search.search(self._stages.sensors.imu, known)
+        known = clock.offset._replace(sigma=0.0) if segment is None else clock.offset
+        by_window = segment is not None and segment.confirmed and not segment.monitor.disagree
+        found = self.clock_search.search(self._stages.sensors.imu, known, by_window)
         if found is None:
             return False
         if self._trial is not None:
             self._discard_start(time)
-        elif self.current is not None:
+        elif segment is not None:
             self.end()
         correction = found.value - self._calibration.time_offset
         self.initializer.retime(correction - self._stages.sensors.offset_correction)

@@ -18,6 +18,7 @@ from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.initialization.trial import Trial
 from ruledgraph.integrity.gauge import heading
 from ruledgraph.odometry import Odometry
+from ruledgraph.simulation.options import simulation_from_options
 from ruledgraph_factors import kernel
 from small_simulation import frames, small_simulation, small_stream
 
@@ -135,6 +136,20 @@ def test_a_recording_that_ends_at_an_unsolved_node_is_solved_to_its_end(monkeypa
     assert odometry.window.solved < end
     odometry.finish()
     assert solved[-1] == end
+
+
+def test_a_plane_whose_images_turn_in_two_ways_keeps_the_windows_time_offset():
+    """A second motion explains the images of a plane as well as the camera's own; its rotation
+    follows the gyroscope's 27 ms later.
+    """
+    simulation = simulation_from_options(
+        scene="square", motion="linear-parallel-rot-y", rate=30.0, duration=3.5
+    )
+    odometry, live, _ = run(simulation.stream(), simulation.calibration)
+    assert abs(odometry.clock_search.found.value) > 0.02
+    assert not odometry.warnings
+    assert len(live) > 90
+    assert ate(live, simulation) < 0.005
 
 
 def test_the_same_input_gives_the_same_output():

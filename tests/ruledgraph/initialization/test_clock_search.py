@@ -1,0 +1,39 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which of two clock offsets stands: the one that images turn by, or the one known before."""
+
+import numpy as np
+import pytest
+
+from ruledgraph.core.config import Config
+from ruledgraph.core.time_offset import TimeOffset
+from ruledgraph.core.timing import Messages
+from ruledgraph.imu.buffer import ImuBuffer
+from ruledgraph.initialization.clock_offset import ClockOffset, ClockOffsetFinder
+from ruledgraph.initialization.clock_search import ClockSearch
+from ruledgraph.simulation import D435I
+
+FOUND = ClockOffset(0.044, 0.008, np.zeros(3), np.zeros(3), np.ones(3))
+
+
+@pytest.mark.parametrize(
+    ("known", "by_window", "used"),
+    [
+        (TimeOffset(0.0, 0.0), False, True),  # the calibration's, before a start
+        (TimeOffset(0.0, 0.002), True, False),  # the window knows it better
+        (TimeOffset(0.0, 0.009), True, True),  # it does not yet
+        (TimeOffset(0.0, 0.002), False, True),  # it does, but lines or IMU contradict it
+        (TimeOffset(0.03, 0.009), True, False),  # 1.2 standard deviations apart
+    ],
+)
+def test_what_the_images_say_is_used(known, by_window, used, monkeypatch):
+    monkeypatch.setattr(ClockOffsetFinder, "find", lambda _self, _samples: FOUND)
+    imu, warnings = ImuBuffer(), Messages()
+    for time in (0.0, 0.005):
+        imu.append(time, np.full(3, time), np.array([0.0, 0.0, 9.81]))
+    search = ClockSearch(D435I, Config(), warnings)
+    result = search.search(imu, known, by_window)
+    assert (result is not None) == used == search.used == bool(warnings)
+    assert search.found is FOUND
+    # It is looked for once a segment.
+    assert search.search(imu, TimeOffset(0.0, 0.0), False) is None
