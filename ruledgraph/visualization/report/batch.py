@@ -6,10 +6,12 @@ import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from ruledgraph.core import figure_style as style
 from ruledgraph.core.line_file import write_whole
@@ -30,7 +32,7 @@ MEASURES = {
 _WIDE = 30.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Group:
     """The runs of one recording with one choice of settings; they differ in their seeds."""
 
@@ -80,6 +82,22 @@ def grouped(rows: Sequence[Row]) -> list[Group]:
     return [Group(*key, tuple(group)) for key, group in found.items()]
 
 
+def best(groups: Sequence[Group]) -> set[tuple[Group, str]]:
+    """Of each recording with several choices of settings, and for each measure, the group with the
+    least median, where no more of its runs failed than of any other.
+    """
+    found: set[tuple[Group, str]] = set()
+    for recording in {group.recording for group in groups}:
+        rivals = [group for group in groups if group.recording == recording]
+        fewest = min(group.failed for group in rivals)
+        sound = [group for group in rivals if group.failed == fewest]
+        for measure in MEASURES:
+            medians = [(statistics.median(v), g) for g in sound if (v := g.values(measure))]
+            if len(rivals) > 1 and medians:
+                found.add((min(medians, key=lambda pair: pair[0])[1], measure))
+    return found
+
+
 def write_batch_report(rows: Sequence[Row], path: Path) -> None:
     """Write the page, one file that needs no other, over an earlier one.
 
@@ -97,6 +115,7 @@ def write_batch_report(rows: Sequence[Row], path: Path) -> None:
         .get_template("batch.html")
         .render(
             groups=groups,
+            best=best(groups),
             rows=rows,
             measures=MEASURES,
             boxes=None if figure is None else Picture("Errors of all runs", drawn(figure)),
@@ -142,9 +161,15 @@ def box_figure(groups: Sequence[Group]) -> Figure | None:
             everything = [value for group in groups for value in group.values(measure)]
             if min(everything) > 0.0 and max(everything) > _WIDE * min(everything):
                 axes.set_xscale("log")
+                axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+                axes.xaxis.set_major_formatter("{x:g}")
+                axes.xaxis.set_minor_formatter(NullFormatter())
             else:
                 axes.set_xlim(left=0.0)
             axes.set_xlabel(MEASURES[measure])
+            for i, (above, below) in enumerate(pairwise(groups)):
+                if above.recording != below.recording:
+                    axes.axhline(i + 0.5, color=style.INK, linewidth=0.6, alpha=0.4)
         panels[0].set_yticks(range(len(groups)), [group.label for group in groups])
         panels[0].set_ylim(len(groups) - 0.4, -0.6)
     return figure

@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import pytest
 
 from ruledgraph.visualization.report import write_batch_report
-from ruledgraph.visualization.report.batch import box_figure, grouped
+from ruledgraph.visualization.report.batch import best, box_figure, grouped
 
 
 def row(recording: str, settings: str, live: float | None, **changes) -> dict:
@@ -48,6 +48,15 @@ def test_groups_and_their_figures():
     assert first.label == "one.bag\nwindow.lag=1.2"
 
 
+def test_the_best_settings_of_a_recording_are_those_with_fewest_failures_and_least_median():
+    failing = row("data/one.bag", "window.lag=3", None)
+    groups = grouped([*ROWS, row("data/one.bag", "window.lag=3", 0.1), failing])
+    assert {(group.recording, group.settings, m) for group, m in best(groups)} == {
+        ("data/one.bag", "window.lag=1.2", "ate_live_mm"),
+        ("data/one.bag", "window.lag=1.2", "ate_smoothed_mm"),
+    }
+
+
 def test_the_boxes_show_every_run():
     figure = box_figure(grouped(ROWS))
     assert figure is not None
@@ -82,7 +91,8 @@ def test_the_page_holds_all_and_escapes_what_others_wrote(tmp_path: Path):
     assert not re.findall(r'(?:src|href)="(?:https?:)?//', text)
     rows = re.findall(r"<tr><th>data/one.bag</th>.*?</tr>", text, flags=re.DOTALL)
     assert len(rows) == 2
-    assert "2.0 (1.0 to 3.0)" in rows[0]
+    assert "<strong>2.0 (1.0 to 3.0)</strong>" in rows[0]
+    assert "<strong>" not in rows[1]
 
 
 def test_a_batch_without_any_result(tmp_path: Path):
