@@ -15,6 +15,7 @@ import click
 
 from ruledgraph.app.cli_batch import batch
 from ruledgraph.app.cli_evaluate import evaluate
+from ruledgraph.app.cli_live import live
 from ruledgraph.app.cli_simulate import simulate
 from ruledgraph.app.cli_smooth import smooth
 from ruledgraph.app.options import (
@@ -34,7 +35,7 @@ class _Group(click.Group):
     """Turns the package's errors into one line and exit code 2; lists commands by workflow."""
 
     def list_commands(self, _: click.Context) -> list[str]:
-        workflow = ("simulate", "info", "smooth", "batch", "evaluate", "report", "export")
+        workflow = ("simulate", "info", "smooth", "live", "batch", "evaluate", "report", "export")
         first = [name for name in workflow if name in self.commands]
         return [*first, *sorted(self.commands.keys() - set(first))]
 
@@ -154,6 +155,7 @@ def export(recording: Path, out: Path, kind: Any, force: bool, **choice: Any) ->
 
 
 main.add_command(smooth)
+main.add_command(live)
 
 
 @main.command()

@@ -99,12 +99,21 @@ def catalogue() -> str:
     return "\n".join(lines)
 
 
-def _resized(calibration: Calibration, resolution: str) -> Calibration:
-    """The same field of view, as far as the shape allows, with other pixels."""
+def size_of(resolution: str) -> tuple[int, int]:
+    """Width and height in px of WIDTHxHEIGHT.
+
+    Raises:
+        RuledgraphError: for another text.
+    """
     match = re.fullmatch(r"(\d+)x(\d+)", resolution)
     if match is None:
         raise RuledgraphError(f"resolution {resolution!r} is not WIDTHxHEIGHT, such as 640x480")
-    camera, width, height = calibration.camera, int(match[1]), int(match[2])
+    return int(match[1]), int(match[2])
+
+
+def _resized(calibration: Calibration, resolution: str) -> Calibration:
+    """The same field of view, as far as the shape allows, with other pixels."""
+    camera, (width, height) = calibration.camera, size_of(resolution)
     # The same for x and y: pixels stay square. Pixel (0, 0) has its centre at 0, hence the halves.
     scale = max(width / camera.width, height / camera.height)
     resized = replace(

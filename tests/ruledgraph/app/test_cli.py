@@ -40,7 +40,7 @@ def test_help_says_what_it_is(flag: str) -> None:
     assert "Line-based visual-inertial odometry" in result.stdout
     listed = result.stdout.partition("Commands:")[2].split("\n")
     commands = [line.split()[0] for line in listed if line[2:3].isalpha()]
-    workflow = ["simulate", "info", "smooth", "batch", "evaluate", "report", "export"]
+    workflow = ["simulate", "info", "smooth", "live", "batch", "evaluate", "report", "export"]
     assert commands == [*workflow, "completion", "settings"]
 
 

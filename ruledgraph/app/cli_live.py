@@ -1,0 +1,72 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The options of `ruledgraph live`."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ruledgraph.app.options import calibration_options, force_option
+
+
+@click.command()
+@click.option(
+    "--realsense",
+    is_flag=True,
+    required=True,
+    help="Read the connected RealSense camera with an IMU; needs ruledgraph[realsense].",
+)
+@calibration_options
+@click.option(
+    "--resolution",
+    metavar="WxH",
+    default="640x480",
+    show_default=True,
+    help="Take images of this size.",
+)
+@click.option(
+    "--rate",
+    type=click.IntRange(min=1),
+    default=90,
+    show_default=True,
+    help="Take so many images a second.",
+)
+@click.option("--duration", type=float, help="Stop after so many seconds, not at Ctrl-C.")
+@click.option(
+    "--record",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="MCAP",
+    help="Write what the sensors deliver into this recording, with the calibration beside it.",
+)
+@click.option(
+    "--config",
+    "config_file",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Read settings from this YAML file.",
+)
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="SECTION.KEY=VALUE",
+    help="Change one setting; repeat it for several.",
+)
+@force_option
+def live(realsense: bool, **options: Any) -> None:
+    """Estimate the trajectory of a camera while it moves.
+
+    Images are the left infrared camera's, without the projector's dots; stamps are of the camera's
+    clock. Without --calibration the maker's figures are taken, and for the IMU's noise those of
+    --imu, by default d435i. It prints the pose once a second.
+
+    \b
+    Examples:
+      ruledgraph live --realsense
+      ruledgraph live --realsense --record room.mcap --duration 60
+    """
+    del realsense  # the only sensor there is
+    from ruledgraph.app.live_command import live_command
+
+    live_command(**options)
