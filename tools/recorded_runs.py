@@ -54,6 +54,8 @@ class Run:
     """RMSE of smoothed positions, SE(3)-aligned, mm."""
     similar: float | None = None
     """RMSE of live positions, Sim(3)-aligned, mm."""
+    worst_reliable: float | None = None
+    """Largest error of those `tracking` or `still`, SE(3)-aligned among themselves, mm."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,7 @@ def run_from(recorded: Recorded, duration: float | None, begin: float) -> Run:
     smoothed += odometry.take_smoothed()
     truth = read_ground_truth(recorded.truth)
     of_live, of_smoothed = _errors(live, truth), _errors(smoothed, truth)
+    of_reliable = _errors([e for e in live if e.status in ("tracking", "still")], truth)
     return Run(
         begin=begin,
         delay=(live[0].stamp - first) * 1e-9 if live else None,
@@ -123,6 +126,7 @@ def run_from(recorded: Recorded, duration: float | None, begin: float) -> Run:
         warnings=tuple(str(warning) for warning in odometry.warnings),
         smoothed=of_smoothed.ate if of_smoothed else None,
         similar=of_live.similar if of_live else None,
+        worst_reliable=of_reliable.worst if of_reliable else None,
     )
 
 

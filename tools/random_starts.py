@@ -1,0 +1,127 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parts of the real recordings at random: where one begins, which part of the image, which rate.
+
+    python tools/random_starts.py --data DATA --runs 200 --jobs 2 --json starts.json
+
+Each run draws one of the recordings, a moment, whole images or a random part of at least half their
+width and height, full or half size, and all or every second frame. A runaway is a run in which an
+estimate called `tracking` or `still` is more than 0.1 m off.
+"""
+
+import json
+import multiprocessing
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import click
+import numpy as np
+
+from benchmark_recordings import Case, cases
+from recorded_runs import Run, cell, run_from
+from ruledgraph.calibration import read_calibration
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.evaluation.ground_truth import read_ground_truth
+
+# Of a run, s, and how far off one that is called reliable may be, mm.
+_LENGTH, _RUNAWAY = 8.0, 100.0
+
+
+def drawn(sources: Sequence[Case], ends: Sequence[float], runs: int, seed: int) -> list[Case]:
+    """Runs at random.
+
+    Args:
+        sources: whole recordings.
+        ends: their lengths, s.
+        runs: how many.
+        seed: of all randomness.
+    """
+    rng = np.random.default_rng(seed)
+    chosen = []
+    for _ in range(runs):
+        i = int(rng.integers(len(sources)))
+        recorded = sources[i].recorded
+        begin = round(float(rng.uniform(0.0, ends[i] - _LENGTH)), 2)
+        topic = recorded.image_topic
+        camera = read_calibration(
+            Path(recorded.calibration),
+            image_topic=topic.removesuffix("/compressed") if topic else None,
+        ).camera
+        crop = None
+        if rng.random() < 0.5:
+            full = np.array([camera.width, camera.height])
+            size = rng.integers(full // 2, full + 1)
+            left, top = rng.integers(0, full - size + 1).tolist()
+            crop = left, top, int(size[0]), int(size[1])
+        shrink, every = (int(rng.choice([1, 1, 2])) for _ in range(2))
+        part = f"{crop[2]}x{crop[3]} at {crop[0]},{crop[1]}" if crop else "whole images"
+        name = f"{sources[i].name}, {part}, 1/{shrink} size, 1/{every} of the frames"
+        changed = replace(recorded, crop=crop, shrink=shrink, every=every)
+        chosen.append(Case(name, changed, begin, _LENGTH))
+    return chosen
+
+
+def report(rows: Sequence[tuple[str, Run]]) -> str:
+    """What the runs come to together, and the runaways."""
+    found = [run for _, run in rows if run.ate is not None]
+    live = np.array([run.ate for run in found])
+    delays = np.array([np.inf if run.delay is None else run.delay for _, run in rows])
+    runaways = [(name, run) for name, run in rows if (run.worst_reliable or 0.0) > _RUNAWAY]
+    lines = [
+        f"{len(rows)} runs, {len(found)} with a trajectory: "
+        f"live ATE median {np.median(live):.1f} mm, 90 % up to {np.quantile(live, 0.9):.1f}, "
+        f"worst {live.max():.1f}; frames {100 * np.mean([run.frames for _, run in rows]):.0f} %; "
+        f"first pose after {np.median(delays):.2f} s (median); {len(runaways)} runaways",
+    ]
+    lines += [
+        f"- {name}, from {run.begin:g} s: {cell(run.worst_reliable, 0)} mm off while reliable"
+        for name, run in runaways
+    ]
+    return "\n".join(lines)
+
+
+def _length(truth: str) -> float:
+    stamps = read_ground_truth(truth).stamps
+    return float(stamps[-1] - stamps[0]) * 1e-9
+
+
+def _row(case: Case) -> tuple[str, Run]:
+    return case.name, run_from(case.recorded, case.duration, case.begin)
+
+
+@click.command(help=__doc__.replace("\n\n    ", "\n\n\b\n    ") if __doc__ else None)
+@click.option("--data", type=click.Path(exists=True, path_type=Path), required=True)
+@click.option("--cache", type=click.Path(path_type=Path), default=Path("results/flights"))
+@click.option("--runs", default=200, show_default=True)
+@click.option("--seed", default=0, show_default=True)
+@click.option("--jobs", default=1, show_default=True, help="Runs at a time.")
+@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write all runs here.")
+def main(data: Path, cache: Path, runs: int, seed: int, jobs: int, json_file: Path | None) -> None:
+    """Command line."""
+    whole = [
+        case
+        for case in cases(data, cache)
+        if case.duration is None
+        and case.recorded == replace(case.recorded, crop=None, shrink=1, every=1)
+    ]
+    try:
+        ends = [_length(case.recorded.truth) for case in whole]
+        with multiprocessing.get_context("spawn").Pool(jobs, maxtasksperchild=1) as pool:
+            rows = []
+            for name, run in pool.imap(_row, drawn(whole, ends, runs, seed)):
+                rows.append((name, run))
+                error = f"{cell(run.ate, 1)} mm, {cell(run.worst_reliable, 0)} at most"
+                click.echo(f"{name}, from {run.begin:g} s: {error}", err=True)
+    except RuledgraphError as error:
+        click.echo(f"random_starts: {error}", err=True)
+        sys.exit(2)
+    print(report(rows))
+    if json_file is not None:
+        found = [{"name": name, **asdict(run)} for name, run in rows]
+        json_file.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
