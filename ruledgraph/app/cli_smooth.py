@@ -63,9 +63,9 @@ from ruledgraph.app.options import calibration_options, force_option, recording_
 )
 @click.option(
     "--rerun",
-    type=click.Path(path_type=Path),
-    metavar="RRD",
-    help="Write a file for the Rerun viewer; needs rerun-sdk.",
+    metavar="RRD|viewer|URL",
+    help="Write a file for the Rerun viewer, or show the run live in a viewer that is started or "
+    "runs (rerun+http://HOST:9876/proxy); needs rerun-sdk.",
 )
 @click.option(
     "--ros2-bag",

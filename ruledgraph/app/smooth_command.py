@@ -67,7 +67,7 @@ def smooth_command(
     plots: bool,
     directrices: bool,
     video: Path | None,
-    rerun: Path | None,
+    rerun: str | None,
     ros2_bag: Path | None,
     formats: Sequence[TrajectoryFormat],
     solver: Solver,
@@ -149,7 +149,8 @@ def smooth_command(
         )
     if pictures is not None:
         pictures.draw(output, truth, directrices=directrices)
-    _tell(summary, output, verbose, rerun if rerun is not None and rerun.exists() else None)
+    logged = log.path if log is not None else None
+    _tell(summary, output, verbose, logged if logged is not None and logged.exists() else None)
     if video is not None and video.exists():
         click.echo(f"video: {video}", err=True)
     if bag is not None:

@@ -33,7 +33,7 @@ def smooth_several(
     verbose: bool,  # noqa: ARG001 - the summaries hold all warnings
     directrices: bool,
     video: Path | None,
-    rerun: Path | None,
+    rerun: str | None,
     ros2_bag: Path | None,
     solver: Solver,
     **choice: Any,

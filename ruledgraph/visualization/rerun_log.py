@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run for the Rerun viewer, written to a file as it goes: nothing of it is kept in memory.
+"""A run for the Rerun viewer, to a file or a viewer as it goes: nothing of it is kept in memory.
 
 - `world/body`: the live pose, and in it `camera/image` with `lines`, the rulings, and `points`,
   yellow until the line is in the graph;
@@ -15,9 +15,12 @@ Times are those of the frames: `time`, since the first one, and `stamp`, the rec
 """
 
 import os
+import socket
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
+from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
@@ -35,6 +38,10 @@ from ruledgraph.visualization.views import View, ViewQueue
 # rerun's, which is imported when it is needed.
 _Stream: TypeAlias = Any
 
+VIEWER = "viewer"
+_URL, _PORT = "rerun+http", 9876
+# A viewer on another machine answers within, s.
+_ANSWER = 5.0
 _QUALITY = 85
 # Of lines that are followed but not in the graph yet; no line of the graph has it.
 _YELLOW = (255, 225, 40)
@@ -46,33 +53,34 @@ _LIVE, _SMOOTHED = (90, 200, 165), (255, 255, 255)
 
 
 class RerunError(RuledgraphError):
-    """Rerun is not installed, or its file cannot be written."""
+    """Rerun is not installed, its file cannot be written, or no viewer answers."""
 
 
 class RerunLog(Closing):
-    """Writes an .rrd file.
+    """Writes an .rrd file, or streams to a viewer.
 
     Args:
-        path: must not exist; without anything to write the file goes again.
+        target: a file, which must not exist, and goes again without anything to write;
+            `viewer`, which is the one of this machine, started if none runs; or the address of a
+            running one, `rerun+http://HOST:9876/proxy`.
         calibration: of the camera and its mounting.
 
     Raises:
-        RerunError: when rerun-sdk is not installed, or the file cannot be written there.
+        RerunError: when rerun-sdk is not installed, the file cannot be written there, or no viewer
+            answers or can be started.
     """
 
-    def __init__(self, path: Path, calibration: Calibration) -> None:
+    def __init__(self, target: Path | str, calibration: Calibration) -> None:
         try:
             import rerun
         except ImportError:
             raise RerunError(
                 "--rerun needs the package rerun-sdk: pip install 'rerun-sdk>=0.39'"
             ) from None
-        if path.exists():
-            raise RerunError(f"{path}: exists already, choose another name")
-        if not os.access(path.parent, os.W_OK):
-            raise RerunError(f"{path}: cannot be written: {path.parent} is no folder to write in")
         self._rr = rerun
-        self._path = path
+        self._target = str(target)
+        self.path = None if self._target == VIEWER or _URL in self._target else Path(target)
+        """The file, if it is one."""
         self._calibration = calibration
         self._stream = self._begin()
         self._first: int | None = None
@@ -176,7 +184,7 @@ class RerunLog(Closing):
             piece = self._rr.LineStrips3D([[before, position]], colors=[color], radii=-2.5)
             self._log(where, piece)
 
-    # -- the file ----------------------------------------------------------------------------------
+    # -- the file or viewer ------------------------------------------------------------------------
 
     def _at(self, stamp: int) -> None:
         """Set the time of what is logged next."""
@@ -191,10 +199,10 @@ class RerunLog(Closing):
     def _begin(self) -> _Stream:
         rr = self._rr
         stream = rr.RecordingStream("ruledgraph")
-        try:
-            stream.save(self._path, default_blueprint=_layout())
-        except (OSError, RuntimeError) as error:
-            raise RerunError(f"{self._path}: cannot be written: {error}") from None
+        if self.path is not None:
+            _save(stream, self.path)
+        else:
+            self._connect(stream)
         camera = self._calibration.camera
         K = [[camera.fx, 0.0, camera.cx + 0.5], [0.0, camera.fy, camera.cy + 0.5], [0.0, 0.0, 1.0]]
         fixed = {
@@ -210,20 +218,58 @@ class RerunLog(Closing):
             stream.log(where, what, static=True)
         return stream
 
+    def _connect(self, stream: _Stream) -> None:
+        try:
+            if self._target == VIEWER:
+                # pip installs it beside Python, where PATH may not lead.
+                beside = Path(sys.executable).with_name("rerun")
+                program = str(beside) if beside.exists() else None
+                stream.spawn(executable_path=program, default_blueprint=_layout())
+            else:
+                _probe(self._target)
+                stream.connect_grpc(self._target, default_blueprint=_layout())
+            stream.flush(timeout_sec=_ANSWER)
+        except (OSError, RuntimeError, ValueError) as error:
+            reason = str(error).partition("\n")[0]
+            raise RerunError(
+                f"--rerun {self._target}: no Rerun viewer answers ({reason}); start one: rerun"
+            ) from None
+
     def close(self) -> None:
         """Write what is left.
 
         Raises:
             MachineError: when not all could be written; what is in the file can be read.
+            RerunError: when the viewer is gone.
         """
         try:
             self._stream.flush()
         except RuntimeError:
-            raise MachineError(f"{self._path}: cannot be written; is there space left?") from None
+            if self.path is None:
+                raise RerunError(f"--rerun {self._target}: the viewer is gone") from None
+            raise MachineError(f"{self.path}: cannot be written; is there space left?") from None
         finally:
             self._stream.disconnect()
-        if self._first is None:
-            self._path.unlink(missing_ok=True)
+        if self.path is not None and self._first is None:
+            self.path.unlink(missing_ok=True)
+
+
+def _probe(url: str) -> None:
+    """Whether something listens there: Rerun itself would try for long, and print."""
+    address = urlsplit(url)
+    with socket.create_connection((address.hostname, address.port or _PORT), _ANSWER):
+        pass
+
+
+def _save(stream: _Stream, path: Path) -> None:
+    if path.exists():
+        raise RerunError(f"{path}: exists already, choose another name")
+    if not os.access(path.parent, os.W_OK):
+        raise RerunError(f"{path}: cannot be written: {path.parent} is no folder to write in")
+    try:
+        stream.save(path, default_blueprint=_layout())
+    except (OSError, RuntimeError) as error:
+        raise RerunError(f"{path}: cannot be written: {error}") from None
 
 
 def _transform(rr: Any, pose: Any) -> Any:

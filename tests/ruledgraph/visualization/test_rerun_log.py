@@ -3,7 +3,11 @@
 """`ruledgraph smooth --rerun`, read back from its file."""
 
 import csv
+import signal
+import socket
+import subprocess
 import sys
+import time
 import warnings
 from collections import defaultdict
 from pathlib import Path
@@ -41,7 +45,11 @@ def read_back(path: Path) -> dict[str, dict[str, list]]:
         except ImportError:
             from rerun.experimental import RrdReader
     found: dict[str, dict[str, list]] = defaultdict(lambda: defaultdict(list))
-    for chunk in RrdReader(str(path)).stream():
+    with warnings.catch_warnings():
+        # As a server that was stopped leaves it.
+        warnings.filterwarnings("ignore", "RRD file has no footer")
+        reader = RrdReader(str(path))
+    for chunk in reader.stream():
         batch = chunk.to_record_batch()
         columns = dict(zip(batch.schema.names, batch.columns, strict=True))
         stamps = columns.get("stamp")
@@ -183,3 +191,52 @@ def test_the_papers_solver_has_none(recording, tmp_path):
     result = smooth(recording, "--solver", "paper", "--rerun", tmp_path / "run.rrd")
     assert result.exit_code == 2
     assert "--rerun: the paper's solver has none; leave it out" in result.output
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def test_a_run_is_streamed_to_a_viewer(logged, recording, tmp_path):
+    """To Rerun's own server, which saves what comes instead of showing it."""
+    port, received = free_port(), tmp_path / "received.rrd"
+    program = Path(sys.executable).with_name("rerun")
+    with subprocess.Popen(
+        [program, "--save", received, "--port", str(port)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    ) as viewer:
+        try:
+            wait_for(port)
+            url = f"rerun+http://127.0.0.1:{port}/proxy"
+            result = smooth(recording, "--output", tmp_path / "run", "--rerun", url)
+        finally:
+            viewer.send_signal(signal.SIGINT)
+            viewer.wait(20.0)
+    assert result.exit_code == 0, result.output
+    assert "\nRerun " not in result.output
+    found = read_back(received)
+    for entity, columns in logged[1].items():
+        for name, values in columns.items():
+            assert len(found[entity][name]) == len(values), (entity, name)
+
+
+def wait_for(port: int) -> None:
+    for _ in range(200):
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", port)) == 0:
+                return
+        time.sleep(0.1)
+    raise TimeoutError(f"nothing listens on port {port}")
+
+
+def test_a_viewer_that_does_not_answer(recording, tmp_path):
+    pytest.importorskip("rerun")
+    url = f"rerun+http://127.0.0.1:{free_port()}/proxy"
+    result = smooth(recording, "--output", tmp_path / "run", "--rerun", url)
+    assert result.exit_code == 2
+    assert result.output.startswith(f"ruledgraph: --rerun {url}: no Rerun viewer answers (")
+    assert len(result.output.splitlines()) == 1
+    assert not (tmp_path / "run").exists()
