@@ -13,7 +13,6 @@ from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.estimates import LineEstimate
 from ruledgraph.core.line_observations import LinePrediction
 from ruledgraph_factors import FactorError, LineChart
-from ruledgraph_factors.so3 import hat
 
 # World coordinates (6,) and their derivative (6, 4).
 Plucker: TypeAlias = tuple[FloatArray, FloatArray]
@@ -50,7 +49,7 @@ class Landmark:
     points: int = 0
     bad_states: int = 0
     covariance_time: float = -np.inf
-    _extents: list[FloatArray] = field(default_factory=list)
+    _views: list[FloatArray] = field(default_factory=list)
     _cached_plucker: tuple[FloatArray, LineChart, Plucker] | None = None
 
     @property
@@ -70,60 +69,61 @@ class Landmark:
         inverse, slope = self.chart.inverse_distance(self.delta)
         return inverse, float(np.sqrt(max(float(slope @ self.covariance @ slope), 0.0)))
 
-    def record_extent(self, extent: FloatArray) -> None:
-        """Add where it was seen from and to, (2,), m from the point closest to the anchor."""
-        self._extents.append(extent)
-        del self._extents[:-_KEPT]
+    def record_view(self, view: FloatArray) -> None:
+        """The camera's centre and the rays to both ends of what it saw, (3, 3), in the world."""
+        self._views.append(view)
+        del self._views[:-_KEPT]
 
     def estimate(self, outliers: float) -> LineEstimate | None:
         """End points as far as the line was seen, but for a share of `outliers`; None without a
         finite line.
         """
-        if not self._extents:
+        extents = self._extents()
+        if not len(extents):
             return None
-        extent = np.diagonal(np.quantile(self._extents, [outliers, 1.0 - outliers], axis=0))
+        extent = np.diagonal(np.quantile(extents, [outliers, 1.0 - outliers], axis=0))
         try:
             ends, jacobian = self.chart.end_points(self.delta, extent)
         except FactorError:
             return None
-        covariance = jacobian @ self.covariance @ jacobian.transpose(0, 2, 1)
+        by_delta = jacobian.reshape(6, 4)
+        covariance = by_delta @ self.covariance @ by_delta.T
         return LineEstimate(
             self.id, ends, covariance, self.first_stamp, self.last_stamp, self.points
         )
+
+    def _extents(self) -> FloatArray:
+        """From where to where it was seen, (N, 2), m from the point next to the anchor.
+
+        The reach of an end is s where the line, foot + s unit, is closest to the ray through it.
+        The line is the present one: at first its distance is a guess, and so would be its length.
+        """
+        moment, direction = np.split(self.plucker[0], 2)
+        length = float(np.linalg.norm(direction))
+        if not self._views or length < _INFINITE:
+            return np.empty((0, 2))
+        unit = direction / length
+        foot = np.cross(unit, moment) / length
+        # Counted from the point next to the anchor, as by `LineChart.end_points`.
+        foot += unit * (unit @ (self.chart.world_T_anchor.translation() - foot))
+        views = np.array(self._views)
+        rays = views[:, 1:] / np.linalg.norm(views[:, 1:], axis=2, keepdims=True)
+        offset, cosine = views[:, 0] - foot, rays @ unit
+        sine2 = 1.0 - cosine * cosine
+        seen = (sine2 >= _PARALLEL).all(axis=1)
+        reach = (offset @ unit)[:, None] - cosine * np.einsum("nei,ni->ne", rays, offset)
+        return np.sort(reach[seen] / sine2[seen], axis=1)
 
 
 def record_extent(
     lines: Sequence[Landmark], world_T_cams: Sequence[gtsam.Pose3], ends: FloatArray
 ) -> None:
-    """Record the extents over which lines were seen, each by its camera from end to end.
-
-    The extent of an end is s where the line, foot + s unit, is closest to the ray through it;
-    (N, 2) for ends (N, 2, 2), normalised.
+    """Record from where to where lines were seen, each by its camera: ends (N, 2, 2), normalised.
     """
     if not lines:
         return
-    plucker = np.array([line.plucker[0] for line in lines])
-    moment, direction = plucker[:, :3], plucker[:, 3:]
-    length = np.sqrt(np.sum(direction * direction, axis=1, keepdims=True))
-    finite = length >= _INFINITE
-    length = np.where(finite, length, 1.0)
-    unit = direction / length
-    foot = (hat(unit) @ moment[..., None])[..., 0] / length
-    # Counted from the point next to the anchor, as by `LineChart.end_points`.
-    anchors = np.array([line.chart.world_T_anchor.translation() for line in lines])
-    foot += unit * np.sum(unit * (anchors - foot), axis=1, keepdims=True)
-    rays = np.ones((len(lines), 2, 3))
-    rays[..., :2] = ends
-    rotations = np.array([camera.rotation().matrix() for camera in world_T_cams])
-    rays = rays @ rotations.transpose(0, 2, 1)
-    rays /= np.sqrt(np.sum(rays * rays, axis=2, keepdims=True))
-    cosine = (rays @ unit[..., None])[..., 0]
-    sine2 = 1.0 - cosine * cosine
-    seen = finite & (sine2 >= _PARALLEL)
-    offset = np.array([camera.translation() for camera in world_T_cams]) - foot
-    along = np.sum(unit * offset, axis=1, keepdims=True)
-    reach = along - cosine * (rays @ offset[..., None])[..., 0]
-    reach = np.sort(reach / np.where(seen, sine2, 1.0), axis=1)
-    for line, own, both in zip(lines, reach, seen.all(axis=1).tolist(), strict=True):
-        if both:
-            line.record_extent(own)
+    rays = np.concatenate([ends, np.ones((len(lines), 2, 1))], axis=2)
+    rays = rays @ np.array([camera.rotation().matrix().T for camera in world_T_cams])
+    centres = np.array([camera.translation() for camera in world_T_cams])
+    for line, view in zip(lines, np.concatenate([centres[:, None], rays], axis=1), strict=True):
+        line.record_view(view)

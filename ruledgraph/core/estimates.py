@@ -121,9 +121,18 @@ class LineEstimate:
     number: int
     ends: FloatArray
     """In the world, (2, 3), m."""
-    covariance: FloatArray
-    """Of each end, (2, 3, 3), m^2."""
+    joint_covariance: FloatArray
+    """Of both ends, (6, 6), m^2, of rank 4: the line's own four degrees of freedom."""
     first_stamp: int
     last_stamp: int
     points: int
     """Edge points that went into it."""
+    segment: int = 0
+    """Of the trajectory, in whose world it is."""
+    sightings: int = 1
+    """How often it came into view, as far as these were found to be one line."""
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of each end, (2, 3, 3), m^2."""
+        return np.stack([self.joint_covariance[:3, :3], self.joint_covariance[3:, 3:]])

@@ -161,4 +161,5 @@ class EstimateReporter:
     def lines(self, landmarks: Iterable[Landmark]) -> None:
         """Lines that left the window."""
         estimates = (landmark.estimate(self._extent_outliers) for landmark in landmarks)
-        self._out.put(lines=[estimate for estimate in estimates if estimate is not None])
+        known = [estimate for estimate in estimates if estimate is not None]
+        self._out.put(lines=[replace(estimate, segment=self._segment) for estimate in known])

@@ -145,7 +145,7 @@ class Window:
                 LineEstimate(
                     number=i,
                     ends=foot[i] + extent[:, None] * (beyond[i] - foot[i]),
-                    covariance=np.full((2, 3, 3), np.nan),
+                    joint_covariance=np.full((6, 6), np.nan),
                     first_stamp=self.frames[0].stamp,
                     last_stamp=self.frames[-1].stamp,
                     points=len(own),
