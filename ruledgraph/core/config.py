@@ -50,6 +50,20 @@ class LinesConfig(Section):
     """Share of a line's sightings whose ends may lie beyond the reported ones."""
 
 
+class MapConfig(Section):
+    """Which lines of the map are one physical line, seen several times."""
+
+    confidence: float = number(0.99, "", 0.5, 0.9999)
+    """Of the chi-square test of their difference, 4 DoF: one in a hundred pairs of sightings stays
+    apart if the covariances are right."""
+    spacing: float = number(0.1, "m", 0.0, 10.0)
+    """From a line to the next one beside it: lines stay apart when the ellipse in which they are
+    taken for one is larger than its square; 0: all lines stay apart."""
+    extent_tolerance: float = number(0.05, "m", 0.0, 10.0)
+    """How well ends are known along a line: over a longer gap lines are two, and lines that were
+    seen at one time overlap by less if they are one."""
+
+
 class WindowConfig(Section):
     """States, lag and solution of the fixed-lag smoother."""
 
@@ -276,6 +290,7 @@ class Config(Section):
     edges: EdgesConfig = EdgesConfig()
     tracks: TracksConfig = TracksConfig()
     lines: LinesConfig = LinesConfig()
+    map: MapConfig = MapConfig()
     window: WindowConfig = WindowConfig()
     start: StartConfig = StartConfig()
     time_offset: TimeOffsetConfig = TimeOffsetConfig()
