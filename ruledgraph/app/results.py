@@ -3,17 +3,19 @@
 """What a run leaves behind. Everything is written as it comes, so that a run can end any time."""
 
 import csv
+import io
 import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ruledgraph.app.line_files import write_obj, write_ply
 from ruledgraph.app.trajectory_files import TRAJECTORY_FORMATS, TrajectoryFormat
+from ruledgraph.backend.line_merging import merged_lines
 from ruledgraph.core.config import Config
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import MachineError, RuledgraphError
@@ -22,9 +24,6 @@ from ruledgraph.core.line_file import LineFile, write_whole
 from ruledgraph.core.settings import config_text
 from ruledgraph.core.trajectory import TumWriter, seconds
 from ruledgraph_factors import STANDARD_GRAVITY
-
-if TYPE_CHECKING:
-    from ruledgraph.core.arrays import FloatArray
 
 _AXES = "xyz"
 _STATE_COLUMNS = [
@@ -52,6 +51,8 @@ _LINE_COLUMNS = [
     "first_seen",
     "last_seen",
     "points",
+    "sightings",
+    "segment",
 ]
 
 
@@ -77,8 +78,10 @@ class Results(Closing):
     - `trajectory.tum`: the same as each frame left the window;
     - `states.csv`: at each state when it was new: velocity, biases, gravity, standard deviations
       (rotation and position in the body frame), time offset, lines in view, status, segment;
-    - `lines.csv`: end points in the world, their covariance, first and last stamp, edge points;
-      `lines.ply` and `lines.obj`, at the end, hold the same segments;
+    - `lines.csv`: end points in the world, their covariance, first and last stamp, edge points,
+      sightings that were merged, segment; while it runs, lines as they left the window, one
+      sighting each, and at the end the map, see `merged_lines`;
+    - `lines.ply` and `lines.obj`, at the end: the same map;
     - `formats`: both trajectories in these formats, too, see `trajectory_files`;
     - `config.yaml`: the settings in effect; `summary.json`: see `summarize`.
 
@@ -105,7 +108,9 @@ class Results(Closing):
             kinds = [TRAJECTORY_FORMATS[name] for name in formats]
             self._more_live = [kind(folder, "trajectory_live") for kind in kinds]
             self._more_smoothed = [kind(folder, "trajectory") for kind in kinds]
-            self._ends: list[FloatArray] = []
+            self._map_config = config.map
+            self.lines: list[LineEstimate] = []
+            """As they left the window; when closed, the map."""
         except OSError as error:
             raise ResultsError(f"{folder}: cannot be written: {error.strerror}") from None
 
@@ -143,7 +148,7 @@ class Results(Closing):
             file.append(estimate)
 
     def _append_line(self, line: Any) -> None:
-        self._ends.append(line.ends)
+        self.lines.append(line)
         self._lines.writerow(_line_row(line))
 
     def use_reserve(self) -> None:
@@ -161,17 +166,19 @@ class Results(Closing):
         write_whole(self.folder / "summary.json", text + "\n")
 
     def close(self) -> None:
-        """Close the tables and write the files of lines.
+        """Close the tables and write the map of lines.
 
         Raises:
-            MachineError: when these do not fit.
+            MachineError: when that does not fit; `lines.csv` stays as it was then.
         """
         self.use_reserve()
         for file in (self._live, self._smoothed, self._states_file, self._lines_file):
             file.close()
         for more in (*self._more_live, *self._more_smoothed):
             more.close()
-        ends = np.reshape(self._ends, (-1, 2, 3))
+        self.lines = merged_lines(self.lines, self._map_config)
+        write_whole(self.folder / "lines.csv", _line_table(self.lines))
+        ends = np.reshape([line.ends for line in self.lines], (-1, 2, 3))
         write_ply(self.folder / "lines.ply", ends)
         write_obj(self.folder / "lines.obj", ends)
 
@@ -218,4 +225,11 @@ def _line_row(line: LineEstimate) -> list[Any]:
     numbers = np.concatenate([line.ends.ravel(), *(c[upper] for c in line.covariance)])
     shown = [f"{number:.9g}" for number in numbers]
     stamps = (seconds(line.first_stamp), seconds(line.last_stamp))
-    return [line.number, *shown, *stamps, line.points]
+    return [line.number, *shown, *stamps, line.points, line.sightings, line.segment]
+
+
+def _line_table(lines: Sequence[LineEstimate]) -> str:
+    table = io.StringIO()
+    writer = csv.writer(table, lineterminator="\n")
+    writer.writerows([_LINE_COLUMNS, *(_line_row(line) for line in lines)])
+    return table.getvalue()

@@ -31,10 +31,11 @@ def _frames(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if estimated:
         statuses = summary["status"].items()
         yield "Status", ", ".join(f"{name} {100 * n / frames:.1f} %" for name, n in statuses)
-    recoveries = len(summary["recoveries"])
+    recoveries, sightings = len(summary["recoveries"]), summary["line_sightings"]
     yield (
         "Lines",
-        f"{summary['lines']} in the map, {summary['lines_in_view']:.1f} in view on average"
+        f"{summary['lines']} in the map, seen {sightings} times, "
+        f"{summary['lines_in_view']:.1f} in view on average"
         + (f"; {recoveries} recoveries" if recoveries else ""),
     )
 

@@ -64,7 +64,7 @@ class _Tally:
     first_stamp: int | None = None
     last_stamp: int = 0
     estimates: int = 0
-    lines: int = 0
+    line_sightings: int = 0
     lines_in_view: int = 0
     statuses: Counter[str] = field(default_factory=Counter)
 
@@ -152,6 +152,7 @@ def run(
         }
         ended = "interrupted" if caught.number or first.is_interrupt else first.text
         summary = about | _summary(odometry, tally, elapsed, lines, ended or "complete")
+        summary["lines"] = len(results.lines)
         if caught.number:
             summary["signal"] = caught.number
         with first.kept():
@@ -224,7 +225,7 @@ def _hand_over(
         tally.first_stamp = frame.stamp if tally.first_stamp is None else tally.first_stamp
         tally.last_stamp = frame.stamp
     tally.estimates += len(live)
-    tally.lines += len(lines)
+    tally.line_sightings += len(lines)
     tally.lines_in_view += sum(estimate.lines for estimate in live)
     tally.statuses.update(estimate.status for estimate in live)
 
@@ -268,7 +269,8 @@ def _summary(
         "frames": tally.frames,
         "frames_estimated": tally.estimates,
         "status": statuses,
-        "lines": tally.lines,
+        "lines": 0,
+        "line_sightings": tally.line_sightings,
         "lines_in_view": tally.lines_in_view / max(tally.estimates, 1),
         "recoveries": odometry.recoveries,
         "warnings": warnings[:_MOST_WARNINGS],

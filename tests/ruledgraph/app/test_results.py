@@ -3,6 +3,7 @@
 """What stands under which header of the tables of a run."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import gtsam
@@ -49,14 +50,15 @@ def estimate(stamp: int = 1_500_000_000, at_state: bool = True) -> Estimate:
 
 
 def line() -> LineEstimate:
-    covariance = np.arange(18.0).reshape(2, 3, 3)
+    covariance = np.arange(36.0).reshape(6, 6)
     return LineEstimate(
         number=8,
         ends=np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]),
-        covariance=covariance + covariance.transpose(0, 2, 1),
+        joint_covariance=covariance + covariance.T,
         first_stamp=1_000_000_000,
         last_stamp=2_000_000_000,
         points=321,
+        segment=2,
     )
 
 
@@ -101,4 +103,21 @@ def test_columns_of_the_lines(folder):
             name = f"covariance{end}_{'xyz'[i]}{'xyz'[j]}"
             assert float(row[name]) == expected.covariance[end - 1, i, j]
     assert (row["line"], row["points"]) == ("8", "321")
+    assert (row["sightings"], row["segment"]) == ("1", "2")
     assert (row["first_seen"], row["last_seen"]) == ("1.000000000", "2.000000000")
+
+
+def test_the_files_of_lines_hold_the_map_and_until_the_end_what_was_seen(tmp_path):
+    folder = tmp_path / "run"
+    known = replace(line(), joint_covariance=1e-6 * np.eye(6))
+    later = replace(known, number=9, first_stamp=3_000_000_000, last_stamp=4_000_000_000)
+    with Results(folder, Config()) as results:
+        results.write([], [], [known])
+        results.write([], [], [later])
+        assert [row["line"] for row in table(folder / "lines.csv")] == ["8", "9"]
+    (row,) = table(folder / "lines.csv")
+    assert (row["line"], row["sightings"], row["points"]) == ("8", "2", "642")
+    assert (row["first_seen"], row["last_seen"]) == ("1.000000000", "4.000000000")
+    assert len(results.lines) == 1
+    assert "element edge 1" in (folder / "lines.ply").read_text()
+    assert (folder / "lines.obj").read_text().splitlines()[-1] == "l 1 2"

@@ -11,6 +11,7 @@ SUMMARY = {
     "frames_estimated": 180,
     "status": {"tracking": 135, "still": 45},
     "lines": 30,
+    "line_sightings": 45,
     "lines_in_view": 9.25,
     "recoveries": [],
     "recording_s": 10.0,
@@ -29,7 +30,7 @@ def test_shares_are_of_the_right_whole():
     found = rows()
     assert found["Frames"] == "180 of 200 estimated (90.0 %)"
     assert found["Status"] == "tracking 67.5 %, still 22.5 %"
-    assert found["Lines"] == "30 in the map, 9.2 in view on average"
+    assert found["Lines"] == "30 in the map, seen 45 times, 9.2 in view on average"
     assert found["Speed"] == "10.0 s of recording in 4.0 s, 2.50 of real time"
     assert found["Next"] == "ruledgraph report out"
     assert "Time offset" not in found
