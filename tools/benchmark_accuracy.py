@@ -7,8 +7,11 @@
     python tools/benchmark_accuracy.py --only free --ablation
 
 ATE is evo's, SE(3)-aligned without scale, in mm, of the live and of the smoothed trajectory. NEES
-is a degree of freedom's, of the live states against simulated truth, and should be 1. Rows are kept
-in --out as they come; a run that was interrupted goes on.
+is a degree of freedom's, of the live states against simulated truth, and should be 1. Lines are
+compared with the scene's, as each left the window / as in the map: precision is the share of well
+known lines within 5 cm of a true one, recall the share of true ones in view that have such a line;
+edges that are painted or hidden count against them. Rows are kept in --out as they come; a run that
+was interrupted goes on.
 """
 
 import json
@@ -24,8 +27,10 @@ import click
 import gtsam
 import numpy as np
 
+from ruledgraph.backend.line_merging import merged_lines
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.config import DEFAULTS
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.measurements import Frame, Measurement
@@ -33,6 +38,7 @@ from ruledgraph.core.settings import load_config
 from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import accuracy, alignment, matched
 from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
+from ruledgraph.evaluation.line_maps import line_map_accuracy, points_in_view
 from ruledgraph.integrity.gauge import heading
 from ruledgraph.odometry import Odometry
 from ruledgraph.simulation import MOTIONS, Simulation
@@ -59,9 +65,8 @@ NEES_PARTS = {
     "gyroscope bias": ("bias", slice(3, 6)),
 }
 """Parts of the state: of which covariance, and where in it."""
-# A line counts as matched to a true one when it runs along it this closely (m, cosine), and as
-# observable when its ends' deviation is below this, m.
-_LINE_MATCH, _LINE_PARALLEL, _LINE_OBSERVABLE = 0.3, 0.999, 0.05
+# A line is well known when its ends' standard deviation is no more than this, m.
+_LINE_KNOWN = 0.05
 
 
 @dataclass(frozen=True)
@@ -112,6 +117,9 @@ def cases(data: Path | None, seeds: int) -> Iterator[Case]:
         free = {"scene": "noncoplanar_cluttered", "motion": "free"}
         yield Case("cluttered/free", free, seed)
         yield Case("moving start/cluttered, free", {**free, "moving_start": True}, seed)
+        for motion in ("free", "circular-parallel-rot-y"):
+            room = {"scene": "room", "motion": motion, "rate": 30.0, "duration": 8.0}
+            yield Case(f"room/{motion}", room, seed)
         walk = {"scene": "corridor", "motion": "walk", "duration": 30.0}
         yield Case("corridor/walk", walk, seed)
 
@@ -231,39 +239,23 @@ def _line_errors(
     truth: GroundTruth,
     simulation: Simulation,
 ) -> dict[str, float]:
-    """Distance of observable lines' end points from the true segments, mm."""
+    """Of the well known lines: as each left the window, and of the map, where repeated sightings of
+    one line are merged.
+    """
     kept, known = matched(_trajectory(smoothed), truth)
     A = alignment(kept.positions, known.positions)
-    distances, observable = [], 0
-    true = simulation.lines
-    directions = true[:, 1] - true[:, 0]
-    lengths = np.linalg.norm(directions, axis=1)
-    directions = directions / lengths[:, None]
-    for line in lines:
-        if max(np.sqrt(np.trace(c)) for c in line.covariance) > _LINE_OBSERVABLE:
-            continue
-        observable += 1
-        ends = line.ends @ A[:3, :3].T + A[:3, 3]
-        along = ends[1] - ends[0]
-        along = along / np.linalg.norm(along)
-        off = np.stack([_from_segment(end, true[:, 0], directions, lengths) for end in ends])
-        off[:, np.abs(directions @ along) < _LINE_PARALLEL] = np.inf
-        best = int(np.argmin(off.max(axis=0)))
-        if off[:, best].max() < _LINE_MATCH:
-            distances += off[:, best].tolist()
-    return {
-        "line ends": 1e3 * float(np.median(distances)) if distances else float("nan"),
-        "lines observable": observable,
-        "lines matched": len(distances) // 2,
-    }
-
-
-def _from_segment(
-    point: FloatArray, starts: FloatArray, directions: FloatArray, lengths: FloatArray
-) -> FloatArray:
-    offset = point - starts
-    along = np.clip(np.sum(offset * directions, axis=1), 0.0, lengths)
-    return np.asarray(np.linalg.norm(offset - along[:, None] * directions, axis=1))
+    true, body_T_cam = simulation.ground_truth, simulation.calibration.body_T_cam
+    centres = true.position + true.rotation @ body_T_cam.translation()
+    rotations = true.rotation @ body_T_cam.rotation().matrix()
+    camera = simulation.calibration.camera
+    in_view = points_in_view(simulation.lines.mean(axis=1), camera, rotations, centres)
+    figures: dict[str, float] = {}
+    for name, found in (("sightings", lines), ("map", merged_lines(lines, DEFAULTS.map))):
+        good = [x for x in found if max(np.trace(c) for c in x.covariance) <= _LINE_KNOWN**2]
+        ends = np.reshape([x.ends for x in good], (-1, 2, 3)) @ A[:3, :3].T + A[:3, 3]
+        known_lines = line_map_accuracy(ends, simulation.lines, in_view)
+        figures |= {f"{name} {part}": x for part, x in known_lines._asdict().items()}
+    return figures
 
 
 def _attempt(case: Case) -> dict[str, Any]:
@@ -284,6 +276,10 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
         "path (m)",
         "live (mm), median / worst",
         "smoothed (mm), median / worst",
+        "lines seen / in map",
+        "precision",
+        "recall",
+        "lines per true line",
         "line ends (mm)",
         "NEES pose / velocity / bias",
         "recoveries",
@@ -297,9 +293,12 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
             values = [row[key] for row in good if key in row]
             return f"{np.median(values):.1f} / {max(values):.1f}" if values else "-"
 
-        def median(key: str, good: list[dict[str, Any]] = good) -> str:
-            values = [row[key] for row in good if np.isfinite(row.get(key, np.nan))]
+        def median(key: str, times: float = 1.0, good: list[dict[str, Any]] = good) -> str:
+            values = [times * row[key] for row in good if np.isfinite(row.get(key, np.nan))]
             return f"{np.median(values):.2f}" if values else "-"
+
+        def both(part: str, times: float = 1.0) -> str:
+            return " / ".join(median(f"{name} {part}", times) for name in ("sightings", "map"))
 
         cells = (
             f"{name} {variant}".strip(),
@@ -307,7 +306,11 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
             median("path"),
             spread("live"),
             spread("smoothed"),
-            median("line ends"),
+            both("lines"),
+            both("precision"),
+            both("recall"),
+            both("repeats"),
+            both("distance", 1e3),
             " / ".join(median(f"nees {part}") for part in ("pose", "velocity", "bias")),
             str(sum(row["recoveries"] for row in good)),
             str(len(group) - len(good)),
