@@ -8,9 +8,9 @@
 
 ATE is evo's, SE(3)-aligned without scale, in mm, of the live and of the smoothed trajectory. NEES
 is a degree of freedom's, of the live states against simulated truth, and should be 1. Lines are
-compared with the scene's, as each left the window / as in the map: precision is the share of well
-known lines within 5 cm of a true one, recall the share of true ones in view that have such a line;
-edges that are painted or hidden count against them. Rows are kept in --out as they come; a run that
+compared with the scene's, as each left the window / as in the map: precision is the share of
+lines within 5 cm of a true one, recall the share of true ones in view that have such a line; edges
+that are painted or hidden count against them. Rows are kept in --out as they come; a run that
 was interrupted goes on.
 """
 
@@ -65,8 +65,6 @@ NEES_PARTS = {
     "gyroscope bias": ("bias", slice(3, 6)),
 }
 """Parts of the state: of which covariance, and where in it."""
-# A line is well known when its ends' standard deviation is no more than this, m.
-_LINE_KNOWN = 0.05
 
 
 @dataclass(frozen=True)
@@ -239,9 +237,7 @@ def _line_errors(
     truth: GroundTruth,
     simulation: Simulation,
 ) -> dict[str, float]:
-    """Of the well known lines: as each left the window, and of the map, where repeated sightings of
-    one line are merged.
-    """
+    """Of the lines as each left the window, and of the map, where repeated sightings are merged."""
     kept, known = matched(_trajectory(smoothed), truth)
     A = alignment(kept.positions, known.positions)
     true, body_T_cam = simulation.ground_truth, simulation.calibration.body_T_cam
@@ -251,8 +247,7 @@ def _line_errors(
     in_view = points_in_view(simulation.lines.mean(axis=1), camera, rotations, centres)
     figures: dict[str, float] = {}
     for name, found in (("sightings", lines), ("map", merged_lines(lines, DEFAULTS.map))):
-        good = [x for x in found if max(np.trace(c) for c in x.covariance) <= _LINE_KNOWN**2]
-        ends = np.reshape([x.ends for x in good], (-1, 2, 3)) @ A[:3, :3].T + A[:3, 3]
+        ends = np.reshape([line.ends for line in found], (-1, 2, 3)) @ A[:3, :3].T + A[:3, 3]
         known_lines = line_map_accuracy(ends, simulation.lines, in_view)
         figures |= {f"{name} {part}": x for part, x in known_lines._asdict().items()}
     return figures
