@@ -53,6 +53,14 @@ ABLATION = {
 }
 REAL_SLICE = Path("euroc_MH_01_30s", "MH_01_30s")
 """The real recording in the folder of data, without the suffix of its files."""
+MAPS = (
+    ("room", "free"),
+    ("room", "circular-parallel-rot-y"),
+    ("noncoplanar_cluttered", "free"),
+    ("square_cluttered", "linear-parallel-rot-y"),
+    ("corridor", "walk"),
+)
+"""Scenes and motions whose lines are seen several times, but for the corridor's."""
 REAL_MOVING = 16.0
 """It moves so long, s, and then stands still."""
 NEES_PARTS = {
@@ -115,9 +123,9 @@ def cases(data: Path | None, seeds: int) -> Iterator[Case]:
         free = {"scene": "noncoplanar_cluttered", "motion": "free"}
         yield Case("cluttered/free", free, seed)
         yield Case("moving start/cluttered, free", {**free, "moving_start": True}, seed)
-        for motion in ("free", "circular-parallel-rot-y"):
-            room = {"scene": "room", "motion": motion, "rate": 30.0, "duration": 8.0}
-            yield Case(f"room/{motion}", room, seed)
+        for scene, motion in MAPS:
+            short = {"scene": scene, "motion": motion, "rate": 30.0, "duration": 8.0}
+            yield Case(f"map/{scene}, {motion}", short, seed)
         walk = {"scene": "corridor", "motion": "walk", "duration": 30.0}
         yield Case("corridor/walk", walk, seed)
 
