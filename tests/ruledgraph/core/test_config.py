@@ -54,7 +54,10 @@ def test_a_value_of_the_file_that_is_wrong_is_named_with_the_file(tmp_path):
     ("setting", "message"),
     [
         ("window.lagg=2", "--set no setting window.lagg; there are state_interval, lag, updates"),
-        ("windows.lag=2", "--set no section 'windows'; there are edges, tracks, lines, window"),
+        (
+            "windows.lag=2",
+            "--set no section 'windows'; there are edges, tracks, lines, map, window",
+        ),
         ("window.lag=long", "--set window.lag: 'long' is not a number"),
         ("window.lag=nan", "--set window.lag: must lie in"),
         ("edges.max_lines=2.5", "'2.5' is not a whole number"),

@@ -16,6 +16,10 @@ MEMORY = "bounds memory or work"
 ALLOWED = {
     "backend/landmarks.py": {"_KEPT": MEMORY, "_INFINITE": NUMERICS, "_PARALLEL": NUMERICS},
     "backend/line_fit.py": {"_AT_INFINITY": NUMERICS},
+    "backend/line_merging.py": {
+        "_PARALLEL": "up to which angle the chart is close to linear",
+        "_ROUNDING": NUMERICS,
+    },
     "frontend/detection.py": {"_MOST_PREFETCHED": MEMORY},
     "frontend/edge_batch.py": {"_LEVEL": NUMERICS, "_LEAST_PART": NUMERICS},
     "frontend/front_end.py": {"_MOST_GRADIENTS": MEMORY},

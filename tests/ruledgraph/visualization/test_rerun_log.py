@@ -67,7 +67,8 @@ def read_back(path: Path) -> dict[str, dict[str, list]]:
 def logged(recording, tmp_path_factory):
     pytest.importorskip("rerun")
     output = tmp_path_factory.mktemp("logged")
-    result = smooth(recording, "--output", output / "run", "--rerun", output / "run.rrd")
+    unmerged = ("--set", "map.spacing=0")  # lines come one sighting each
+    result = smooth(recording, "--output", output / "run", "--rerun", output / "run.rrd", *unmerged)
     assert result.exit_code == 0, result.output
     assert f"Rerun        rerun {output / 'run.rrd'}" in result.output
     return output / "run", read_back(output / "run.rrd")
