@@ -36,7 +36,7 @@ from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.core.settings import load_config
 from ruledgraph.core.trajectory import Trajectory
-from ruledgraph.evaluation import accuracy, alignment, matched
+from ruledgraph.evaluation import accuracy
 from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
 from ruledgraph.evaluation.line_maps import line_map_accuracy, points_in_view
 from ruledgraph.integrity.gauge import heading
@@ -173,7 +173,7 @@ def run(case: Case) -> dict[str, Any]:
         row["path"] = found.path_length
     if simulation is not None:
         row |= _mean_nees(live, smoothed[0], simulation)
-        row |= _line_errors(lines, smoothed, truth, simulation)
+        row |= _line_errors(lines, smoothed, simulation)
     return row
 
 
@@ -240,24 +240,24 @@ def _mean_nees(
 
 
 def _line_errors(
-    lines: Sequence[LineEstimate],
-    smoothed: Sequence[Estimate],
-    truth: GroundTruth,
-    simulation: Simulation,
+    lines: Sequence[LineEstimate], smoothed: Sequence[Estimate], simulation: Simulation
 ) -> dict[str, float]:
-    """Of the lines as each left the window, and of the map, where repeated sightings are merged."""
-    kept, known = matched(_trajectory(smoothed), truth)
-    A = alignment(kept.positions, known.positions)
-    true, body_T_cam = simulation.ground_truth, simulation.calibration.body_T_cam
+    """Of the lines as each left the window, and of the map, where repeated sightings are merged.
+
+    Position and heading of the world are aligned, also where a motion is along a line.
+    """
+    true = simulation.truth([e.stamp for e in smoothed])
+    yaw = heading(true.rotation, np.array([e.matrix[:3, :3] for e in smoothed])).matrix()
+    shift = (true.position - [yaw @ e.position for e in smoothed]).mean(axis=0)
+    camera, body_T_cam = simulation.calibration.camera, simulation.calibration.body_T_cam
     centres = true.position + true.rotation @ body_T_cam.translation()
     rotations = true.rotation @ body_T_cam.rotation().matrix()
-    camera = simulation.calibration.camera
     in_view = points_in_view(simulation.lines.mean(axis=1), camera, rotations, centres)
     figures: dict[str, float] = {}
     for name, found in (("sightings", lines), ("map", merged_lines(lines, DEFAULTS.map))):
-        ends = np.reshape([line.ends for line in found], (-1, 2, 3)) @ A[:3, :3].T + A[:3, 3]
-        known_lines = line_map_accuracy(ends, simulation.lines, in_view)
-        figures |= {f"{name} {part}": x for part, x in known_lines._asdict().items()}
+        ends = np.reshape([line.ends for line in found], (-1, 2, 3)) @ yaw.T + shift
+        compared = line_map_accuracy(ends, simulation.lines, in_view)
+        figures |= {f"{name} {part}": x for part, x in compared._asdict().items()}
     return figures
 
 
