@@ -118,8 +118,7 @@ class Landmark:
 def record_extent(
     lines: Sequence[Landmark], world_T_cams: Sequence[gtsam.Pose3], ends: FloatArray
 ) -> None:
-    """Record from where to where lines were seen, each by its camera: ends (N, 2, 2), normalised.
-    """
+    """Record where lines end, each as its camera sees it: ends (N, 2, 2), normalised."""
     if not lines:
         return
     rays = np.concatenate([ends, np.ones((len(lines), 2, 1))], axis=2)
