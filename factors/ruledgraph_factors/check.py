@@ -26,8 +26,9 @@ class LineCheck:
     key: int
     chi_squared: float
     """Sum of the whitened squared distances of all its points, robust losses left out."""
-    points: float
-    """What its points weigh together: the expectation of `chi_squared` at the right minimum."""
+    expected: float
+    """The expectation of `chi_squared` at the right minimum: what its points weigh together, or two
+    a frame where they are `without_scatter`."""
     limit: float
     """The 99.9 % quantile of the chi-squared distribution of so many degrees of freedom."""
     behind: float
@@ -57,7 +58,7 @@ class LineCheck:
             if applies
         ]
         name = gtsam.DefaultKeyFormatter(self.key)
-        fit = f"{name}: chi-squared {self.chi_squared:.0f} of {self.points:.0f} points"
+        fit = f"{name}: chi-squared {self.chi_squared:.0f}, expected {self.expected:.0f}"
         return f"{fit} (at most {self.limit:.0f}): {', '.join(reasons) or 'ok'}"
 
 
@@ -65,8 +66,9 @@ def check_lines(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> list
     """All lines of a graph at an estimate: which of them ended in a wrong minimum?
 
     At the right minimum sum |r|^2 of a line, r the whitened residuals of its point-to-ruled-surface
-    factors, is about the number of its points. A line with a wrong distance or direction that the
-    optimiser could not leave shows there, behind its cameras, or far from its chart's reference.
+    factors, is about the number of its points (two a frame without their scatter). A line with a
+    wrong distance or direction that the optimiser could not leave shows there, behind its cameras,
+    or far from its chart's reference.
     Give such a line a new start (`triangulate_line` with the estimated poses) under a new key.
 
     Args:
@@ -76,7 +78,7 @@ def check_lines(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> list
     Returns:
         One check for each line key, in order of the keys.
     """
-    sums: dict[int, FloatArray] = {}  # of chi_squared, points, frames, frames behind
+    sums: dict[int, FloatArray] = {}  # of chi_squared, expected, frames, frames behind
     for index in range(graph.size()):
         factor = graph.at(index) if graph.exists(index) else None
         if not isinstance(factor, gtsam.CustomFactor):
@@ -86,18 +88,18 @@ def check_lines(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> list
             continue
         square = whitened_square(spec.noise_model, factor.unwhitenedError(values))
         behind = _frames_behind(spec, values)
-        row = np.array([square, spec.points.weight, len(spec.motion), behind])
+        row = np.array([square, spec.points.degrees_of_freedom, len(spec.motion), behind])
         sums[spec.line_key] = sums.get(spec.line_key, np.zeros(4)) + row
     return [_line_check(key, sums[key], values) for key in sorted(sums)]
 
 
 def _line_check(key: int, sums: FloatArray, values: gtsam.Values) -> LineCheck:
-    square, points, frames, behind = sums.tolist()
+    square, expected, frames, behind = sums.tolist()
     far = LineChart.is_far(values.atVector(key))
     # Wilson and Hilferty's approximation of the quantile.
-    third = 2.0 / (9.0 * points)
-    limit = points * (1.0 - third + _QUANTILE * np.sqrt(third)) ** 3
-    return LineCheck(key, square, points, float(limit), behind / frames, far)
+    third = 2.0 / (9.0 * expected)
+    limit = expected * (1.0 - third + _QUANTILE * np.sqrt(third)) ** 3
+    return LineCheck(key, square, expected, float(limit), behind / frames, far)
 
 
 def _frames_behind(spec: RuledSurfaceSpec, values: gtsam.Values) -> int:

@@ -92,6 +92,15 @@ class GeometricPoints:
         """What all points weigh together: their number, if each has weight 1."""
         return float(np.sum(self.statistics[:, :, 2] ** 2))
 
+    @cached_property
+    def degrees_of_freedom(self) -> float:
+        """Expected squared residual at the truth, over a point's variance: of a frame the weight of
+        its points, but at most 2 without their scatter (or of two points).
+        """
+        weights = np.sum(self.statistics[:, :, 2] ** 2, axis=1)
+        flat = ~self.statistics[:, 2].any(axis=1)
+        return float(np.sum(np.where(flat, np.minimum(weights, 2.0), weights)))
+
     def middles(self) -> FloatArray:
         """Mean of the points of each frame, (n, 2)."""
         moments = self.statistics.transpose(0, 2, 1) @ self.statistics[:, :, 2:]
@@ -199,6 +208,11 @@ class ReprojectionPoints:
     def weight(self) -> float:
         """What all points weigh together: their number, if each has weight 1."""
         return float(self.sqrt_weights @ self.sqrt_weights)
+
+    @cached_property
+    def degrees_of_freedom(self) -> float:
+        """Expected squared residual at the truth, over a point's variance: `weight`."""
+        return self.weight
 
     def middles(self) -> FloatArray:
         """Mean of the points of each frame, (n, 2)."""

@@ -118,13 +118,16 @@ def test_points_are_those_of_python(program: Path, cap: float) -> None:
     frames = [rng.uniform(-0.5, 0.5, size=(count, 2)) for count in (1, 3, 12)]
     data = [2, len(frames), *(part for frame in frames for part in (len(frame), frame)), cap]
     found = Reader(run(program, "values", text=numbers_of(data)))
-    for C in GeometricPoints.from_frames(frames, effective_points=cap).statistics:
+    compressed = GeometricPoints.from_frames(frames, effective_points=cap)
+    for C in compressed.statistics:
         assert_same(found.take(9), C.T @ C)
+    for C in compressed.without_scatter().statistics:
+        assert_same(found.take(9), C.T @ C)
+        assert not found.take(3).any()
     individual = ReprojectionPoints.from_frames(frames, effective_points=cap)
     assert_same(found.take(32), individual.points)
     assert_same(found.take(16), individual.sqrt_weights)
     assert found.take(3).tolist() == [1.0, 3.0, 12.0]
-    compressed = GeometricPoints.from_frames(frames, effective_points=cap)
     assert_same(found.take(6), compressed.middles().T)
     assert_same(found.take(6), individual.middles().T)
     assert_same(found.take(2), np.array([compressed.weight, individual.weight]))

@@ -2,11 +2,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 //
 // Edge points of one line, made ready for a factor; needs Eigen alone. The C++ version of
-// `GeometricPoints.from_frames` and `ReprojectionPoints.from_frames` in
+// `GeometricPoints.from_frames` and `without_scatter` and of `ReprojectionPoints.from_frames` in
 // `ruledgraph_factors/observations.py`.
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Eigenvalues>
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -45,6 +47,18 @@ inline double total_weight(const ReprojectionPoints& points) {
   return points.sqrt_weights.squaredNorm();
 }
 
+/// Expected squared residual at the truth, over a point's variance: of a frame the weight of its
+/// points, but at most 2 without their scatter (or of two points).
+inline double degrees_of_freedom(const GeometricPoints& points) {
+  double found = 0.0;
+  for (const Matrix3& C : points.statistics) {
+    const double weight = C.col(2).squaredNorm();
+    found += C.row(2).isZero(0.0) ? std::min(weight, 2.0) : weight;
+  }
+  return found;
+}
+inline double degrees_of_freedom(const ReprojectionPoints& points) { return total_weight(points); }
+
 /// Mean of the points of each frame, a column each.
 inline Eigen::Matrix2Xd middles(const GeometricPoints& points) {
   Eigen::Matrix2Xd found(2, points.frames());
@@ -79,6 +93,36 @@ inline GeometricPoints compress_points(const std::vector<PointRows>& frames,
         compress(points, Eigen::VectorXd::Constant(points.rows(), root)));
   }
   return compressed;
+}
+
+/// The same points but for their scatter across their own best line, which no line explains.
+///
+/// For an image line l = (n, -rho), |n| = 1, and N points with mean p whose scatter matrix has the
+/// eigenvalues a >= b, the larger one along e,
+///
+///     |C l|^2 = N (n.p - rho)^2 + (a - b) (n.e)^2 + b.
+///
+/// Without b, C has two rows and a third of zeros, and the squared residual of a frame, over the
+/// variance of a point, is chi-square with two degrees of freedom, as robust losses and gates take
+/// it to be.
+inline GeometricPoints without_scatter(const GeometricPoints& points) {
+  GeometricPoints found;
+  for (const Matrix3& C : points.statistics) {
+    const Matrix3 moments = C.transpose() * C;
+    const double weight = moments(2, 2);
+    const Eigen::Vector2d middle = moments.topRightCorner<2, 1>() / weight;
+    const Eigen::Matrix2d scatter =
+        moments.topLeftCorner<2, 2>() - weight * middle * middle.transpose();
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> along(scatter);
+    const double gap = along.eigenvalues()[1] - along.eigenvalues()[0];
+    // Triangular again: the long axis turns into the rows of a QR of [mean; axis].
+    Matrix3 rows = Matrix3::Zero();
+    rows.row(0) = std::sqrt(weight) * middle.homogeneous().transpose();
+    rows.row(1).head<2>() = std::sqrt(gap) * along.eigenvectors().col(1).transpose();
+    found.statistics.push_back(
+        Eigen::HouseholderQR<Matrix3>(rows).matrixQR().triangularView<Eigen::Upper>());
+  }
+  return found;
 }
 
 /// The same points one by one, for the reprojection residual.

@@ -303,14 +303,19 @@ void write_motions() {
 void write_points() {
   const std::vector<PointRows> frames = read_frames();
   const double cap = read_number();
-  for (const Matrix3& C : compress_points(frames, cap).statistics) write(C.transpose() * C);
+  const GeometricPoints compressed = compress_points(frames, cap);
+  for (const Matrix3& C : compressed.statistics) write(C.transpose() * C);
+  for (const Matrix3& C : without_scatter(compressed).statistics) {
+    write(C.transpose() * C);
+    write(C.row(2));
+  }
   const ReprojectionPoints individual = individual_points(frames, cap);
   write(individual.points.transpose());
   write(individual.sqrt_weights);
   for (const Eigen::Index count : individual.counts) write(static_cast<double>(count));
-  write(middles(compress_points(frames, cap)));
+  write(middles(compressed));
   write(middles(individual));
-  write(total_weight(compress_points(frames, cap)));
+  write(total_weight(compressed));
   write(total_weight(individual));
 }
 

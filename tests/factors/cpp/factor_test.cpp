@@ -241,9 +241,19 @@ void lines_are_checked_and_moved() {
     const std::vector<LineCheck> checks = check_lines(graph, values);
     assert(checks.size() == 1 && checks[0].key == kLineKey && checks[0].ok());
     assert(std::abs(checks[0].chi_squared - 4.0) < 1e-9);  // 0.02 / 0.01, without a robust loss
-    assert(std::abs(checks[0].points - 2.0) < 1e-9);
+    assert(std::abs(checks[0].expected - 2.0) < 1e-9);
     graph.add(one_view(chart, 0.2, robust));
     assert(check_lines(graph, values)[0].misfit());
+  }
+  // Without scatter two are expected of a frame, whatever the number of its points.
+  PointRows many(12, 2);
+  for (int i = 0; i < 12; ++i) many.row(i) << 0.1 * i, i % 2 == 0 ? 0.01 : -0.01;
+  const GeometricPoints points = compress_points({many});
+  for (const auto& [kind, expected] : {std::pair{points, 12.0}, {without_scatter(points), 2.0}}) {
+    gtsam::NonlinearFactorGraph graph;
+    const auto noise = gtsam::noiseModel::Isotropic::Sigma(3, 0.01);
+    graph.add(RuledSurfacePoseFactor(noise, kPoseKey, kLineKey, chart, kind));
+    assert(std::abs(check_lines(graph, values)[0].expected - expected) < 1e-9);
   }
   Values far = values;
   far.update(kLineKey, gtsam::Vector4(0.0, 0.0, 0.0, 3.2));

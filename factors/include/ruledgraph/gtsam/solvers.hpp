@@ -65,7 +65,7 @@ inline MovedLine move_line(const gtsam::NonlinearFactorGraph& graph, gtsam::Key 
 struct LineCheck {
   gtsam::Key key;
   double chi_squared;  ///< of all its points, robust losses left out
-  double points;       ///< what they weigh together: its expectation at the right minimum
+  double expected;     ///< its expectation at the right minimum: their `degrees_of_freedom`
   double limit;        ///< the 99.9 % quantile of the chi-squared distribution
   double behind;       ///< share of its frames whose camera has the line behind it
   bool far;            ///< `is_far`
@@ -109,14 +109,14 @@ inline int frames_behind(const LineObservation& factor, const gtsam::Values& val
 inline std::vector<LineCheck> check_lines(const gtsam::NonlinearFactorGraph& graph,
                                           const gtsam::Values& values) {
   constexpr double kQuantile = 3.09;   // of the standard normal distribution: 99.9 %
-  std::map<gtsam::Key, Vector4> sums;  // of chi_squared, points, frames, frames behind
+  std::map<gtsam::Key, Vector4> sums;  // of chi_squared, expected, frames, behind
   for (std::size_t i = 0; i < graph.size(); ++i) {
     const auto* factor = graph[i] ? dynamic_cast<const LineObservation*>(&*graph[i]) : nullptr;
     if (factor == nullptr) continue;
-    const double weight = std::visit([](const auto& points) { return total_weight(points); },
-                                     factor->surface().points());
+    const double expected = std::visit(
+        [](const auto& points) { return degrees_of_freedom(points); }, factor->surface().points());
     const Vector4 row(
-        detail::whitened_square(factor->noiseModel(), factor->unwhitenedError(values)), weight,
+        detail::whitened_square(factor->noiseModel(), factor->unwhitenedError(values)), expected,
         static_cast<double>(factor->surface().geometry().frames()),
         detail::frames_behind(*factor, values));
     sums.emplace(factor->line_key(), Vector4::Zero()).first->second += row;
