@@ -13,7 +13,8 @@ residual of frame j moves by H_j (theta_j, p_j), so that the rows of a factor ha
 
 S that of its noise model, P the covariance of the errors at all frames and n the number of lines
 that share them. n makes up for their being taken as independent from line to line: n lines
-together then know the motion to P, not to P / n (covariance intersection with equal weights).
+together then know the motion to P, not to P / n (covariance intersection with equal weights). It is
+never too little, and of the lines themselves more than needed.
 """
 
 import gtsam

@@ -6,6 +6,7 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam import noiseModel
+from scipy.stats import chi2
 
 from benchmarks import line_nees
 from numerics import factor_jacobians
@@ -83,6 +84,15 @@ def test_sharp_edges_are_consistent_with_it() -> None:
     # 95 % bounds of six runs' mean, velocity (3 degrees of freedom): 0.46 to 1.75.
     assert plain[1] > 1.75
     assert 0.46 < honest[1] < 1.75
+
+
+def test_states_close_to_the_frames_are_consistent_without_it() -> None:
+    found = np.mean([line_nees.nees(seed, 0.5, 3)[0] for seed in range(8)], axis=0)
+    for mean, dimension in zip(found, line_nees.DIMENSIONS.values(), strict=True):
+        freedom = 8 * dimension
+        # One of 500 right runs would fail: 99.95 % bounds of each of four means.
+        low, high = chi2.ppf([0.00025, 0.99975], freedom) / freedom
+        assert low < mean < high
 
 
 def test_what_it_cannot_do_is_said() -> None:

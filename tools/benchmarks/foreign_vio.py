@@ -7,8 +7,8 @@ simulation of `factors/examples/vio.cpp` number by number:
 
     python tools/benchmarks/foreign_vio.py [PATH OF vio]
 
-Prints the position RMSE and the time of each solver, the best of five runs, the same for C++ (one
-run as printed, and the fastest of five), and how far apart the estimates of both languages are.
+Prints the position RMSE and the processor time of each solver, the best of five runs, the same for
+C++ (one run as printed, and the fastest of five), and how far apart the estimates of both are.
 """
 
 import subprocess
@@ -279,9 +279,9 @@ def main() -> None:
     for name, solve in SOLVERS.items():
         seconds = []
         for _ in range(RUNS):
-            start = time.perf_counter()
+            start = time.process_time()
             estimate = solve(packets)
-            seconds.append(time.perf_counter() - start)
+            seconds.append(time.process_time() - start)
         found.append(states(estimate))
         print(f"{name:20} {1e3 * position_rmse(found[-1]):8.3f} mm {min(seconds):8.3f} s")
     if len(sys.argv) > 1:
