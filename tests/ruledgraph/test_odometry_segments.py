@@ -1,0 +1,168 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""How segments of the trajectory end, and how the next ones begin."""
+
+import numpy as np
+
+from ruledgraph.backend.sliding_window import Window
+from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.measurements import Frame, Gap, ImuSample
+from ruledgraph.core.settings import load_config
+from ruledgraph.initialization.trial import Trial
+from ruledgraph.integrity.gauge import heading
+from ruledgraph.odometry import Odometry
+from small_runs import ate, run
+from small_simulation import frames, small_simulation, small_stream
+
+
+def test_a_gap_in_the_imu_begins_a_new_segment():
+    stream, calibration = small_stream(moving=True)
+    stamps = [m.stamp for m in stream if isinstance(m, ImuSample)]
+    start, stop = stamps[int(0.5 * len(stamps))], stamps[int(0.62 * len(stamps))]
+    cut = []
+    for m in stream:
+        if start < m.stamp < stop:
+            continue
+        if isinstance(m, ImuSample) and m.stamp == stop:
+            cut.append(Gap(start, stop))
+        cut.append(m)
+    odometry, live, smoothed = run(cut, calibration)
+    assert sum("a new segment begins" in warning for warning in odometry.warnings) == 1
+    assert any(e.stamp < start for e in live)
+    assert any(e.stamp > stop for e in live)
+    # The new segment begins near where the last one ended, as its covariance says.
+    before = [e for e in smoothed if e.stamp <= start][-1]
+    after = next(e for e in smoothed if e.stamp >= stop)
+    assert (before.segment, after.segment) == (0, 1)
+    true = small_simulation(moving=True).truth(np.array([before.stamp, after.stamp]))
+    turn = before.world_T_body.rotation().matrix() @ true.rotation[0].T
+    error = after.world_T_body.translation() - before.world_T_body.translation()
+    error -= turn @ (true.position[1] - true.position[0])
+    R = after.world_T_body.rotation().matrix()
+    covariance = R @ after.covariances[0][3:, 3:] @ R.T
+    assert error @ np.linalg.solve(covariance, error) < 9.0
+    assert np.sqrt(np.trace(covariance)) < 0.8
+    attitudes = (e.world_T_body.rotation().matrix()[None] for e in (after, before))
+    assert abs(heading(*attitudes).yaw()) < 0.01
+
+
+def test_a_camera_that_is_silent_for_longer_than_the_window_begins_a_new_segment():
+    stream, calibration = small_stream(duration=11.0)
+    first = stream[0].stamp
+    silent = [
+        m
+        for m in stream
+        if not (isinstance(m, Frame) and 3.0e9 < m.stamp - first < 6.0e9)  # lag: 2.5 s
+    ]
+    odometry, live, smoothed = run(silent, calibration)
+    assert [w for w in odometry.warnings if "no frame for 3.0" in w]
+    assert {e.segment for e in live} == {e.segment for e in smoothed} == {0, 1}
+
+
+def test_an_estimate_that_ran_away_ends_its_segment(monkeypatch):
+    stream, calibration = small_stream(moving=True)
+    plausible, calls = Window.is_plausible, []
+
+    def runs_away_once(self):
+        calls.append(1)
+        return plausible(self) and len(calls) != 8
+
+    monkeypatch.setattr(Window, "is_plausible", runs_away_once)
+    odometry, live, smoothed = run(stream, calibration)
+    assert sum("ran away" in warning for warning in odometry.warnings) == 1
+    assert len(live) > 8  # it started again
+    stamps = [e.stamp for e in smoothed]
+    assert stamps == sorted(set(stamps))
+
+
+def test_an_imu_that_is_silent_for_long_begins_a_new_segment_without_a_gap_message():
+    stream, calibration = small_stream(moving=True)
+    stamps = [m.stamp for m in stream if isinstance(m, ImuSample)]
+    start, stop = stamps[int(0.5 * len(stamps))], stamps[int(0.65 * len(stamps))]
+    cut = [m for m in stream if not (isinstance(m, ImuSample) and start < m.stamp < stop)]
+    odometry, live, _ = run(cut, calibration)
+    assert sum("no IMU for" in warning for warning in odometry.warnings) == 1
+    assert any(e.stamp < start for e in live)
+    assert any(e.stamp > stop for e in live)
+    assert not any(start < e.stamp < stop for e in live)
+
+
+def test_what_a_trial_held_back_is_handed_out_as_the_window_knows_it_by_then():
+    stream, calibration = small_stream(moving=True)
+    odometry = Odometry(calibration)
+    released: list[Estimate] = []
+    for measurement in stream:
+        odometry.add(measurement)
+        if released := odometry.take_live():
+            break
+    assert odometry.window is not None
+    by_stamp = {estimate.stamp: estimate for estimate in released}
+    compared = 0
+    for interval in odometry.window.intervals:
+        for stamp, pose in zip(interval.stamps, interval.poses(), strict=True):
+            if stamp in by_stamp and stamp < released[-1].stamp:
+                assert by_stamp[stamp].world_T_body.equals(pose, 1e-12)
+                compared += 1
+    assert compared > 10
+
+
+def test_a_start_on_moving_things_is_taken_back(monkeypatch):
+    stream, calibration = small_stream(moving=True)
+    passed, calls = Trial.passed, []
+
+    def refuted_once(self, window):
+        calls.append(window)
+        if len(calls) == 3:
+            self.failure = "its lines were no good"
+        return passed(self, window)
+
+    monkeypatch.setattr(Trial, "passed", refuted_once)
+    odometry, live, smoothed = run(stream, calibration)
+    assert sum("is taken back: its lines" in warning for warning in odometry.warnings) == 1
+    # Nothing of it was handed out, and the next one was.
+    assert {e.segment for e in live + smoothed} == {0}
+    assert len(live) > 20
+    assert [e.stamp for e in live] == sorted({e.stamp for e in live})
+    assert ate(live, small_simulation(moving=True)) < 0.03
+
+
+def mirrored(measurements, after: float):
+    """From so many s on the images are mirrored: they move against what the IMU feels."""
+    start = frames(measurements)[0].stamp
+    for measurement in measurements:
+        if isinstance(measurement, Frame) and measurement.stamp > start + after * 1e9:
+            image = np.ascontiguousarray(measurement.image[:, ::-1])
+            yield Frame(measurement.stamp, image)
+        else:
+            yield measurement
+
+
+def test_lines_that_contradict_the_imu_are_reported_and_flagged_or_end_the_segment():
+    measurements, calibration = small_stream(seed=3)
+    odometry, live = Odometry(calibration), []
+    for measurement in mirrored(measurements, 2.5):
+        odometry.add(measurement)
+        live += odometry.take_live()
+    assert any("of the lines do not fit the estimate" in warning for warning in odometry.warnings)
+    flagged = sum(e.status == "degraded" for e in live) > 5
+    assert flagged or "a new segment begins" in odometry.warnings[-1]
+    before = [e for e in live if e.stamp < frames(measurements)[0].stamp + 2.4e9]
+    assert all(e.status != "degraded" for e in before)
+
+
+def test_a_lost_estimate_ends_its_segment_at_its_last_reliable_state():
+    config = load_config(None, ["integrity.lost_misfit=0.35"])
+    measurements, calibration = small_stream(seed=3)
+    odometry, live, smoothed = Odometry(calibration, config), [], []
+    for measurement in mirrored(measurements, 2.5):
+        odometry.add(measurement)
+        live += odometry.take_live()
+        smoothed += odometry.take_smoothed()
+        if odometry.window is None and live:
+            break
+    assert "most lines do not fit the estimate" in odometry.warnings[-1]
+    smoothed += odometry.take_smoothed()
+    assert smoothed[-1].status == "degraded"
+    reliable = [e for e in live if e.status != "degraded"]
+    assert odometry.last_reliable is not None
+    assert odometry.last_reliable.pose.equals(reliable[-1].world_T_body, 1e-9)

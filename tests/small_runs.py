@@ -1,0 +1,30 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs of the odometry over measurements, and how far off its trajectory is."""
+
+import numpy as np
+
+from ruledgraph.core.estimates import Estimate
+from ruledgraph.evaluation import alignment
+from ruledgraph.odometry import Odometry
+
+
+def run(measurements, calibration) -> tuple[Odometry, list[Estimate], list[Estimate]]:
+    odometry = Odometry(calibration)
+    live, smoothed = [], []
+    for measurement in measurements:
+        odometry.add(measurement)
+        live += odometry.take_live()
+        smoothed += odometry.take_smoothed()
+    odometry.finish()
+    live += odometry.take_live()
+    smoothed += odometry.take_smoothed()
+    return odometry, live, smoothed
+
+
+def ate(estimates: list[Estimate], simulation) -> float:
+    """RMSE of the aligned positions, m."""
+    true = simulation.truth(np.array([e.stamp for e in estimates])).position
+    own = np.array([e.world_T_body.translation() for e in estimates])
+    A = alignment(own, true)
+    return float(np.sqrt(np.mean(np.sum((own @ A[:3, :3].T + A[:3, 3] - true) ** 2, axis=1))))
