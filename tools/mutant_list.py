@@ -185,7 +185,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
     ),
     (
         "core/config.py",
-        "backend/test_sliding_window",
+        "backend/test_window_recovery",
         (
             ("jump_position: float = number(1.0,", "jump_position: float = number(100.0,"),
             ("jump_velocity: float = number(3.0,", "jump_velocity: float = number(300.0,"),
@@ -219,7 +219,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
     ),
     (
         "backend/recovery.py",
-        "backend/test_sliding_window",
+        "backend/test_window_recovery",
         (("if id(line) not in kept or", "if id(line) in kept or"),),
     ),
     # Front end.
