@@ -7,7 +7,6 @@ import gzip
 import json
 import re
 import shutil
-from html.parser import HTMLParser
 from pathlib import Path
 
 import cv2
@@ -15,6 +14,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from html_page import Page
 from ruledgraph.app.cli import main
 from ruledgraph.app.runner import run
 from ruledgraph.core.settings import load_config
@@ -61,37 +61,6 @@ def altered(finished: Path, folder: Path, **changes: object) -> Path:
     summary = json.loads((folder / "summary.json").read_text())
     (folder / "summary.json").write_text(json.dumps(summary | changes))
     return folder
-
-
-class Page(HTMLParser):
-    """Elements, their attributes, and the text."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self.elements: list[tuple[str, dict[str, str | None]]] = []
-        self.text = ""
-        self.scripts: list[str] = []
-        self.open: list[str] = []
-        self.source = path.read_text(encoding="utf-8")
-        self.feed(self.source)
-        self.text = " ".join(self.text.split())
-
-    def handle_starttag(self, tag, attrs):
-        self.elements.append((tag, dict(attrs)))
-        if tag not in ("meta", "img", "br"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        if "script" in self.open:
-            self.scripts.append(data)
-        elif "style" not in self.open:
-            self.text += data + " "
-
-    def images(self) -> list[tuple[str, str]]:
-        return [(a["alt"], a["src"]) for tag, a in self.elements if tag == "img"]
 
 
 def figures(found: Page) -> list[dict]:
