@@ -29,7 +29,6 @@ import numpy as np
 
 from ruledgraph.backend.line_merging import merged_lines
 from ruledgraph.calibration.sensors import Calibration
-from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import DEFAULTS
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate, LineEstimate
@@ -43,6 +42,7 @@ from ruledgraph.integrity.gauge import heading
 from ruledgraph.odometry import Odometry
 from ruledgraph.simulation import MOTIONS, Simulation
 from ruledgraph.simulation.options import simulation_from_options
+from state_nees import nees
 
 ABLATION = {
     "": (),
@@ -63,16 +63,6 @@ MAPS = (
 """Scenes and motions whose lines are seen several times, but for the corridor's."""
 REAL_MOVING = 16.0
 """It moves so long, s, and then stands still."""
-NEES_PARTS = {
-    "pose": ("pose", slice(0, 6)),
-    "velocity": ("velocity", slice(0, 3)),
-    "bias": ("bias", slice(0, 6)),
-    "orientation": ("pose", slice(0, 3)),
-    "position": ("pose", slice(3, 6)),
-    "accelerometer bias": ("bias", slice(0, 3)),
-    "gyroscope bias": ("bias", slice(3, 6)),
-}
-"""Parts of the state: of which covariance, and where in it."""
 
 
 @dataclass(frozen=True)
@@ -200,36 +190,6 @@ def _truth(simulation: Simulation) -> GroundTruth:
 
 def _trajectory(estimates: Sequence[Estimate]) -> Trajectory:
     return Trajectory.from_poses([e.stamp for e in estimates], [e.world_T_body for e in estimates])
-
-
-def nees(
-    live: Sequence[Estimate], beginning: Estimate, simulation: Simulation
-) -> dict[str, FloatArray]:
-    """e^T S^-1 e for each degree of freedom, of the live states and parts of them; place and
-    heading of the world are fixed where the window began, which the covariances count from.
-    """
-    nodes = [e for e in live if e.at_state]
-    true = simulation.truth(np.array([beginning.stamp, *(e.stamp for e in nodes)]))
-    poses = [
-        gtsam.Pose3(gtsam.Rot3(R), p) for R, p in zip(true.rotation, true.position, strict=True)
-    ]
-    first = beginning.world_T_body
-    yaw = heading(true.rotation[:1], first.rotation().matrix()[None])
-    shift = poses[0].translation() - yaw.rotate(first.translation())
-    true_T_world = gtsam.Pose3(yaw, shift)
-    found: dict[str, list[float]] = {name: [] for name in NEES_PARTS}
-    for i, node in enumerate(nodes, start=1):
-        error = true_T_world.compose(node.world_T_body).between(poses[i])
-        states = {
-            "pose": gtsam.Pose3.Logmap(error),
-            "velocity": yaw.rotate(node.velocity) - true.velocity[i],
-            "bias": node.bias.vector() - true.bias[i],
-        }
-        covariances = dict(zip(states, node.covariances, strict=True))
-        for name, (state, part) in NEES_PARTS.items():
-            e, S = states[state][part], covariances[state][part, part]
-            found[name].append(float(e @ np.linalg.solve(S, e)) / len(e))
-    return {name: np.array(values) for name, values in found.items()}
 
 
 def _mean_nees(

@@ -24,7 +24,6 @@ import click
 import numpy as np
 from scipy.stats import beta, chi2
 
-from benchmark_accuracy import nees
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError
@@ -33,6 +32,7 @@ from ruledgraph.core.settings import load_config
 from ruledgraph.odometry import Odometry
 from ruledgraph.simulation import Simulation
 from ruledgraph.simulation.options import simulation_from_options
+from state_nees import nees
 
 SCENE, MOTION = "noncoplanar_cluttered", "free"
 STARTS = {"at rest": False, "in motion": True}
