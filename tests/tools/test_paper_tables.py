@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import paper_runs
 import paper_tables
 from paper_figures import ROWS
-from paper_tables import SOLVERS, Case, main, report
+from paper_runs import SOLVERS, Case
+from paper_tables import main, report
 from ruledgraph.simulation import simulate
 
 
@@ -78,9 +80,9 @@ def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
 
 
 def test_both_solvers_are_run_on_the_same_recording(monkeypatch):
-    monkeypatch.setattr(paper_tables, "simulate", partial(simulate, rate=30.0))
+    monkeypatch.setattr(paper_runs, "simulate", partial(simulate, rate=30.0))
     row = next(row for row in ROWS if row.name == "coplanar 1")
-    results = paper_tables.run(Case(row, 1, 1.8), SOLVERS)
+    results = paper_runs.run(Case(row, 1, 1.8), SOLVERS)
     assert [result["key"].split("/")[-1] for result in results] == ["paper", "graph"]
     paper, graph = results
     for figures in (paper["paper"], graph["live"], graph["smoothed"]):
