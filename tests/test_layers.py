@@ -147,12 +147,23 @@ def test_the_root_holds_rooms_and_the_odometry() -> None:
     assert files - {"GUIDE.md"} == {"__init__.py", "__main__.py", "odometry.py", "py.typed"}
 
 
+def source_files() -> list[Path]:
+    """All files in Python and C++, but for those that a build wrote."""
+    root = Path(__file__).parents[1]
+    found = [
+        path
+        for folder in ("ruledgraph", "factors", "tools", "tests")
+        for path in (root / folder).rglob("*")
+        if path.suffix in (".py", ".pyi", ".cpp", ".hpp", ".h")
+    ]
+    return [path for path in found if "build" not in path.relative_to(root).parts]
+
+
 def test_files_are_short() -> None:
-    root = root_folder()
     lengths = {
-        str(path.relative_to(root)): len(path.read_text(encoding="utf-8").splitlines())
-        for path in root.rglob("*.py")
+        str(path): len(path.read_text(encoding="utf-8").splitlines()) for path in source_files()
     }
+    assert {path.suffix for path in source_files()} >= {".py", ".cpp", ".hpp"}
     assert {path: lines for path, lines in lengths.items() if lines > LONGEST_FILE} == {}
 
 
