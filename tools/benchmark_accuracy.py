@@ -18,7 +18,6 @@ import json
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +26,7 @@ import click
 import gtsam
 import numpy as np
 
+from ruledgraph.app.batch.cluster import WorkError, completed
 from ruledgraph.backend.line_merging import merged_lines
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import DEFAULTS
@@ -302,20 +302,16 @@ def main(
             row = json.loads(line)
             rows[Case(row["name"], {}, row["seed"], row["variant"]).key] = row
     todo = [case for case in chosen if case.key not in rows]
-    with ProcessPoolExecutor(jobs) as pool:
-        futures = {pool.submit(_attempt, case): case for case in todo}
-        for done, future in enumerate(as_completed(futures), start=1):
-            row = future.result()
-            rows[futures[future].key] = row
-            figures = {k: round(row[k], 2) for k in ("live", "smoothed", "seconds") if k in row}
-            print(
-                f"{done}/{len(todo)} {futures[future].key} {figures} {row.get('failed', '')}",
-                file=sys.stderr,
-                flush=True,
-            )
-            if out is not None:
-                with out.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(row) + "\n")
+    for done, (case, row) in enumerate(completed(_attempt, todo, workers=jobs), start=1):
+        if isinstance(row, WorkError):
+            raise row
+        rows[case.key] = row
+        figures = {k: round(row[k], 2) for k in ("live", "smoothed", "seconds") if k in row}
+        failed = row.get("failed", "")
+        print(f"{done}/{len(todo)} {case.key} {figures} {failed}", file=sys.stderr, flush=True)
+        if out is not None:
+            with out.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
     print(report([rows[case.key] for case in chosen if case.key in rows]))
 
 

@@ -10,7 +10,6 @@ change is judged by all rows together: chance moves single ones by half.
 """
 
 import json
-import multiprocessing
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -20,6 +19,7 @@ import click
 import numpy as np
 
 from recorded_runs import Recorded, Run, cell, run_from
+from ruledgraph.app.batch.cluster import WorkError, completed
 from ruledgraph.app.cli import main as ruledgraph
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
@@ -97,8 +97,8 @@ def _render(bag: Path, source: Path, scene: str, start: float, calibration: Path
     ruledgraph([str(argument) for argument in arguments], standalone_mode=False)
 
 
-def _row(case: Case) -> tuple[Case, Run]:
-    return case, run_from(case.recorded, case.duration, case.begin)
+def _run(case: Case) -> Run:
+    return run_from(case.recorded, case.duration, case.begin)
 
 
 def report(rows: Sequence[tuple[Case, Run]]) -> str:
@@ -175,16 +175,17 @@ def main(
         if not only or any(word in case.name for word in only)
     ]
     try:
-        # One process a run: what is left of one run does not slow down the next.
-        with multiprocessing.get_context("spawn").Pool(jobs, maxtasksperchild=1) as pool:
-            rows = []
-            for case, run in pool.imap(_row, chosen):
-                rows.append((case, run))
-                click.echo(
-                    f"{case.name}: {100 * run.frames:.0f} %, {cell(run.ate, 1)} mm live, "
-                    f"{cell(run.smoothed, 1)} mm smoothed, scale {cell(run.scale, 3)}",
-                    err=True,
-                )
+        runs = {}
+        for case, run in completed(_run, chosen, workers=jobs):
+            if isinstance(run, WorkError):
+                raise run
+            runs[case.name] = run
+            click.echo(
+                f"{case.name}: {100 * run.frames:.0f} %, {cell(run.ate, 1)} mm live, "
+                f"{cell(run.smoothed, 1)} mm smoothed, scale {cell(run.scale, 3)}",
+                err=True,
+            )
+        rows = [(case, runs[case.name]) for case in chosen]
     except RuledgraphError as error:
         click.echo(f"benchmark_recordings: {error}", err=True)
         sys.exit(2)

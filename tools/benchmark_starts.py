@@ -11,7 +11,6 @@ a pose counts as a failure of any limit.
 """
 
 import json
-import multiprocessing
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -22,6 +21,7 @@ import click
 import numpy as np
 
 from recorded_runs import Recorded, Run, cell, run_from
+from ruledgraph.app.batch.cluster import WorkError, completed
 from ruledgraph.core.errors import RuledgraphError
 
 # Limits that are counted, mm; and a start in time, s.
@@ -90,11 +90,12 @@ def main(
     moments = np.arange(first, last + 1e-6, every).tolist()
     one = partial(run_from, Recorded(bag, calibration, truth, settings), duration)
     try:
-        if processes == 1:
-            runs = [_told(one(moment)) for moment in moments]
-        else:
-            with multiprocessing.get_context("spawn").Pool(processes) as pool:
-                runs = [_told(run) for run in pool.imap(one, moments)]
+        runs = []
+        for _, run in completed(one, moments, workers=processes):
+            if isinstance(run, WorkError):
+                raise run
+            runs.append(_told(run))
+        runs.sort(key=lambda run: run.begin)
     except RuledgraphError as error:
         click.echo(f"starts: {error}", err=True)
         sys.exit(2)

@@ -17,6 +17,7 @@ import json
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ import click
 import numpy as np
 from scipy.stats import beta, chi2
 
+from ruledgraph.app.batch.cluster import WorkError, completed
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError
@@ -116,12 +118,18 @@ def _lines(start: str, held: bool, rows: Sequence[dict[str, Any]]) -> Iterator[s
         )
 
 
+def _run(case: tuple[str, int], seconds: float, rate: float, config: Config) -> dict[str, Any]:
+    start, seed = case
+    return {"start": start, "seed": seed} | run(seed, STARTS[start], seconds, rate, config)
+
+
 @click.command(help=__doc__)
 @click.option("--runs", default=50, show_default=True, help="Of each start.")
 @click.option("--seconds", default=6.0, show_default=True, help="Of a run.")
 @click.option("--rate", default=30.0, show_default=True, help="Frames a second.")
 @click.option("--start", "starts", type=click.Choice(list(STARTS)), multiple=True, help="Only so.")
 @click.option("--set", "settings", multiple=True, help="section.key=value, of the odometry.")
+@click.option("--jobs", default=2, show_default=True, help="Processes.")
 @click.option("--out", type=click.Path(path_type=Path), help="Rows, JSON lines.")
 def main(
     runs: int,
@@ -129,6 +137,7 @@ def main(
     rate: float,
     starts: tuple[str, ...],
     settings: tuple[str, ...],
+    jobs: int,
     out: Path | None,
 ) -> None:
     """Command line."""
@@ -140,16 +149,16 @@ def main(
     if out is not None and out.exists():
         rows = [json.loads(line) for line in out.read_text(encoding="utf-8").splitlines()]
     known = {(row["start"], row["seed"]) for row in rows}
-    for seed in range(runs):
-        for start in starts or STARTS:
-            if (start, seed) in known:
-                continue
-            row = {"start": start, "seed": seed} | run(seed, STARTS[start], seconds, rate, config)
-            rows.append(row)
-            print(f"{start} {seed}: {row['seconds']:.0f} s", file=sys.stderr, flush=True)
-            if out is not None:
-                with out.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(row) + "\n")
+    todo = [(start, seed) for seed in range(runs) for start in starts or STARTS]
+    work = partial(_run, seconds=seconds, rate=rate, config=config)
+    for _, row in completed(work, [case for case in todo if case not in known], workers=jobs):
+        if isinstance(row, WorkError):
+            raise row
+        rows.append(row)
+        print(f"{row['start']} {row['seed']}: {row['seconds']:.0f} s", file=sys.stderr, flush=True)
+        if out is not None:
+            with out.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
     print(table(rows))
     if without := [f"{row['start']} {row['seed']}" for row in rows if PARTS[0] not in row]:
         print(f"no estimate: {', '.join(without)}")

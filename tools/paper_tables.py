@@ -17,7 +17,6 @@ import json
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ import numpy as np
 
 from paper_figures import ROWS, TITLES, Row
 from paper_runs import SOLVERS, Case, run
+from ruledgraph.app.batch.cluster import WorkError, completed
 from ruledgraph.core.arrays import FloatArray
 
 COLUMNS = {
@@ -55,6 +55,10 @@ def report(cases: Sequence[Case], results: Mapping[str, dict[str, Any]]) -> str:
         blocks.append("\n".join(lines))
     blocks.append(_summary(cases, results))
     return "\n\n".join(blocks) + "\n"
+
+
+def _run(task: tuple[Case, Sequence[str]]) -> list[dict[str, Any]]:
+    return run(*task)
 
 
 def _rows_of(table: int, cases: Sequence[Case]) -> list[Row]:
@@ -208,18 +212,19 @@ def main(
         if (missing := [name for name in wanted if case.key(name) not in results])
     }
     started = time.perf_counter()
-    with ProcessPoolExecutor(jobs) as pool:
-        futures = {pool.submit(run, case, missing): case for case, missing in todo.items()}
-        for done, future in enumerate(as_completed(futures), start=1):
-            for result in future.result():
-                results[result["key"]] = result
-                if rows_file is not None:
-                    with rows_file.open("a", encoding="utf-8") as file:
-                        file.write(json.dumps(result) + "\n")
-                text = f"{result['key']} {result['seconds']} s {result.get('failed', '')}"
-                print(f"{done}/{len(todo)} {text}", file=sys.stderr)
-            left = (time.perf_counter() - started) / done * (len(todo) - done)
-            print(f"{left / 60.0:.0f} min left", file=sys.stderr, flush=True)
+    work = completed(_run, list(todo.items()), workers=jobs)
+    for done, (_, found) in enumerate(work, start=1):
+        if isinstance(found, WorkError):
+            raise found
+        for result in found:
+            results[result["key"]] = result
+            if rows_file is not None:
+                with rows_file.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(result) + "\n")
+            text = f"{result['key']} {result['seconds']} s {result.get('failed', '')}"
+            print(f"{done}/{len(todo)} {text}", file=sys.stderr)
+        left = (time.perf_counter() - started) / done * (len(todo) - done)
+        print(f"{left / 60.0:.0f} min left", file=sys.stderr, flush=True)
     text = report(cases, results)
     if out is None:
         print(text)

@@ -10,7 +10,6 @@ estimate called `tracking` or `still` is more than 0.1 m off.
 """
 
 import json
-import multiprocessing
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -21,6 +20,7 @@ import numpy as np
 
 from benchmark_recordings import Case, cases
 from recorded_runs import Run, cell, run_from
+from ruledgraph.app.batch.cluster import WorkError, completed
 from ruledgraph.calibration import read_calibration
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.evaluation.ground_truth import read_ground_truth
@@ -87,8 +87,8 @@ def _length(truth: str) -> float:
     return float(stamps[-1] - stamps[0]) * 1e-9
 
 
-def _row(case: Case) -> tuple[str, Run]:
-    return case.name, run_from(case.recorded, case.duration, case.begin)
+def _run(case: Case) -> Run:
+    return run_from(case.recorded, case.duration, case.begin)
 
 
 @click.command(help=__doc__.replace("\n\n    ", "\n\n\b\n    ") if __doc__ else None)
@@ -108,12 +108,13 @@ def main(data: Path, cache: Path, runs: int, seed: int, jobs: int, json_file: Pa
     ]
     try:
         ends = [_length(case.recorded.truth) for case in whole]
-        with multiprocessing.get_context("spawn").Pool(jobs, maxtasksperchild=1) as pool:
-            rows = []
-            for name, run in pool.imap(_row, drawn(whole, ends, runs, seed)):
-                rows.append((name, run))
-                error = f"{cell(run.ate, 1)} mm, {cell(run.worst_reliable, 0)} at most"
-                click.echo(f"{name}, from {run.begin:g} s: {error}", err=True)
+        rows = []
+        for case, run in completed(_run, drawn(whole, ends, runs, seed), workers=jobs):
+            if isinstance(run, WorkError):
+                raise run
+            rows.append((case.name, run))
+            error = f"{cell(run.ate, 1)} mm, {cell(run.worst_reliable, 0)} at most"
+            click.echo(f"{case.name}, from {run.begin:g} s: {error}", err=True)
     except RuledgraphError as error:
         click.echo(f"random_starts: {error}", err=True)
         sys.exit(2)

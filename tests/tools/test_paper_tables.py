@@ -54,20 +54,11 @@ def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     def fake(case, solvers):
         return [{"key": case.key(name), "seconds": 1.0, "failed": "fake"} for name in solvers]
 
-    class InProcess:
-        def __init__(self, jobs): ...
-        def __enter__(self):
-            return self
+    def in_process(work, items, workers):
+        assert workers == 2
+        return ((item, work(item)) for item in items)
 
-        def __exit__(self, *_): ...
-        def submit(self, function, *arguments):
-            from concurrent.futures import Future
-
-            future = Future()
-            future.set_result(function(*arguments))
-            return future
-
-    monkeypatch.setattr(paper_tables, "ProcessPoolExecutor", InProcess)
+    monkeypatch.setattr(paper_tables, "completed", in_process)
     monkeypatch.setattr(paper_tables, "run", fake)
     rows = tmp_path / "rows.jsonl"
     arguments = ["--table", "4", "--rows", str(rows), "--out", str(tmp_path / "tables.md")]

@@ -3,11 +3,11 @@
 """Has jobs run, by dask's workers or one by one, and takes what comes of them."""
 
 import multiprocessing
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from importlib import import_module
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, TypeVar
 
 from ruledgraph.app.batch.jobs import Job
 from ruledgraph.app.batch.work import Outcome, run_job
@@ -15,6 +15,13 @@ from ruledgraph.core.errors import RuledgraphError
 
 # How long a scheduler is waited for.
 _PATIENCE = "20s"
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+class WorkError(RuledgraphError):
+    """A piece of work has failed, or its process has ended."""
 
 
 def run_in_turn(jobs: Sequence[Job], done: Callable[[Job, Outcome], object]) -> None:
@@ -53,12 +60,31 @@ def run_all(
     workers: int,
     scheduler: str | None = None,
 ) -> None:
-    """Run jobs, each in one of several processes; a job whose worker dies is run by another,
-    unless it was the end of several.
+    """Run jobs, each in one of several processes; see `completed`.
 
     Args:
         jobs: to be run.
         done: called with each as it ends.
+        workers: see `completed`.
+        scheduler: see `completed`.
+    """
+    for job, outcome in completed(run_job, jobs, workers=workers, scheduler=scheduler):
+        done(job, Outcome(str(outcome)) if isinstance(outcome, WorkError) else outcome)
+
+
+def completed(
+    work: Callable[[Item], Result],
+    items: Sequence[Item],
+    *,
+    workers: int,
+    scheduler: str | None = None,
+) -> Iterator[tuple[Item, Result | WorkError]]:
+    """Do the work of each item in one of several processes; each with its result, as they end. What
+    a worker that dies was at is done by another, unless it was the end of several.
+
+    Args:
+        work: a function that can be pickled.
+        items: to be worked on; they can be pickled, too.
         workers: processes of this machine, when there is no scheduler.
         scheduler: address of a dask scheduler, such as tcp://host:8786; its workers need
             ruledgraph, and see the recordings under the names that the jobs give.
@@ -66,6 +92,8 @@ def run_all(
     Raises:
         RuledgraphError: without dask.distributed, or when the scheduler does not answer.
     """
+    if not items:
+        return
     try:
         distributed: Any = import_module("distributed")  # it has no types
     except ImportError:
@@ -75,7 +103,7 @@ def run_all(
     with ExitStack() as stack:
         if scheduler is None:
             cluster = distributed.LocalCluster(
-                n_workers=min(workers, len(jobs)),
+                n_workers=min(workers, len(items)),
                 threads_per_worker=1,
                 processes=True,
                 dashboard_address=None,
@@ -90,12 +118,12 @@ def run_all(
             )
         except (OSError, TimeoutError, ValueError) as error:
             raise RuledgraphError(f"--scheduler {scheduler}: does not answer: {error}") from None
-        futures = {client.submit(run_job, job, pure=False): job for job in jobs}
+        futures = {client.submit(work, item, pure=False): item for item in items}
         # A failed one is handed out like the others.
         for future in distributed.as_completed(futures, raise_errors=False):
-            job = futures.pop(future)
+            item = futures.pop(future)
             if future.status == "finished":
-                done(job, future.result())
+                yield item, future.result()
             else:
-                done(job, Outcome(f"{future.status}: {future.exception()}".replace("\n", " ")))
+                yield item, WorkError(f"{future.status}: {future.exception()}".replace("\n", " "))
             future.release()
