@@ -37,6 +37,7 @@ from ruledgraph_factors.motion import (
     ImuSegment,
     preintegrate_frames,
 )
+from ruledgraph_factors.native_factor import native_factor
 from ruledgraph_factors.new_line import NewLineFactor, NewLineSpec, new_line_factor
 from ruledgraph_factors.observations import GeometricPoints, ReprojectionPoints, bin_points
 from ruledgraph_factors.ruled_surface import Residual, State
@@ -96,6 +97,7 @@ __all__ = [
     "line_from_ruling",
     "load_graph",
     "move_line",
+    "native_factor",
     "new_line_factor",
     "preintegrate_frames",
     "ruled_surface_factor",

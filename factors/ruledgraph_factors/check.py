@@ -81,7 +81,7 @@ def check_lines(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> list
     sums: dict[int, FloatArray] = {}  # of chi_squared, expected, frames, frames behind
     for index in range(graph.size()):
         factor = graph.at(index) if graph.exists(index) else None
-        if not isinstance(factor, gtsam.CustomFactor):
+        if not isinstance(factor, gtsam.NoiseModelFactor):
             continue
         spec = spec_of(factor)
         if not isinstance(spec, RuledSurfaceSpec):

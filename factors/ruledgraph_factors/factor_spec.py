@@ -6,7 +6,7 @@ import json
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
@@ -200,10 +200,14 @@ class SpecFactor(gtsam.CustomFactor):
 
 def spec_of(factor: gtsam.NonlinearFactor) -> FactorSpec | None:
     """The spec of a factor of this package, also when GTSAM hands it back from a graph as a plain
-    `CustomFactor`, after Python has let go of it; None for any other factor.
+    `CustomFactor`, after Python has let go of it; None for any other factor. That of a
+    `native_factor` has the keys and noise model that the factor has now.
     """
     if isinstance(factor, SpecFactor):
         return factor.spec
+    native = getattr(factor, "spec", None)
+    if isinstance(native, FactorSpec) and isinstance(factor, gtsam.NoiseModelFactor):
+        return replace(native, keys=tuple(factor.keys()), noise_model=factor.noiseModel())
     if type(factor) is not gtsam.CustomFactor:
         return None
     try:

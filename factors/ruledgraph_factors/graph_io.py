@@ -44,7 +44,8 @@ def clone_graph(graph: gtsam.NonlinearFactorGraph) -> gtsam.NonlinearFactorGraph
     copy = gtsam.NonlinearFactorGraph()
     copy.resize(graph.size())
     for index, factor, spec in _factors(graph):
-        copy.replace(index, factor.clone() if spec is None else build_factor(spec))
+        in_python = isinstance(factor, gtsam.CustomFactor)
+        copy.replace(index, build_factor(spec) if spec and in_python else factor.clone())
     return copy
 
 
