@@ -1,21 +1,24 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the factors cost, in microseconds, by the native kernel and by numpy.
+"""What the factors cost, in microseconds, by the native kernel, by numpy and, with a GTSAM of your
+own (CPP.md), in C++ alone.
 
     python tools/benchmark_factors.py
 
 `error` and `linearize` of a factor through GTSAM for 1, 9 and 90 frames, the same of a
 `CustomFactor` whose Python callback does nothing but return ready-made arrays, and
-`preintegrate_frames`. The fastest of several rounds counts: other work on the machine only ever
-adds time. Prints Markdown tables.
+`preintegrate_frames`. Processor time, of which the fastest of several rounds counts: other work on
+the machine only ever adds to it. Prints Markdown tables.
 """
 
 import os
 import platform
+import time
 import timeit
 from collections.abc import Callable
 from functools import partial
 from importlib.metadata import version
+from importlib.util import find_spec
 
 import gtsam
 import numpy as np
@@ -29,6 +32,7 @@ from ruledgraph_factors import (
     LineChart,
     ReprojectionPoints,
     active_kernel,
+    native_factor,
     preintegrate_frames,
     ruled_surface_factor,
 )
@@ -76,7 +80,7 @@ def empty_callback_factor(rows: int) -> gtsam.CustomFactor:
 
 def microseconds(call: Callable[[], object]) -> float:
     """Time of one call in the fastest round."""
-    timer = timeit.Timer(call)
+    timer = timeit.Timer(call, timer=time.process_time)
     number, elapsed = timer.autorange()
     number = max(1, int(number * SECONDS_PER_ROUND / elapsed))
     return 1e6 * min(timer.repeat(ROUNDS, number)) / number
@@ -96,7 +100,9 @@ def print_row(*cells: object) -> None:
 def print_factors() -> None:
     """`error` and `linearize`."""
     names = kernels()
-    calls = [f"`{call}`, {name}" for call in ("error", "linearize") for name in names]
+    in_cpp = find_spec("ruledgraph_factors._gtsam") is not None
+    columns = [*names, "C++"] if in_cpp else names
+    calls = [f"`{call}`, {name}" for call in ("error", "linearize") for name in columns]
     print_row("residual", "frames", "rows", *calls)
     print_row("---", *["---:"] * (2 + len(calls)))
     for kind, kind_name in ((GeometricPoints, "geometric"), (ReprojectionPoints, "reprojection")):
@@ -104,15 +110,18 @@ def print_factors() -> None:
             motion, chart, points, values = scene(frames)
             observed = kind.from_frames(points)
             noise = noiseModel.Isotropic.Sigma(observed.rows, 1.0 / 600.0)
-            factors = []
+            factors: list[gtsam.NoiseModelFactor] = []
             for name in names:
                 os.environ["RULEDGRAPH_KERNEL"] = name
-                factors.append(
-                    ruled_surface_factor(noise, X(0), V(0), B(0), L(0), motion, chart, observed)
+                factor = ruled_surface_factor(
+                    noise, X(0), V(0), B(0), L(0), motion, chart, observed
                 )
+                factors.append(factor)
+            if in_cpp:
+                factors.append(native_factor(factor.spec))
             times = [microseconds(partial(f.error, values)) for f in factors]
             times += [microseconds(partial(f.linearize, values)) for f in factors]
-            print_row(kind_name, frames, observed.rows, *(f"{time:.0f}" for time in times))
+            print_row(kind_name, frames, observed.rows, *(f"{cost:.1f}" for cost in times))
 
 
 def print_empty_callback() -> None:
@@ -124,7 +133,7 @@ def print_empty_callback() -> None:
         for rows in (3 * frames, 2 * POINTS_PER_FRAME * frames):
             factor = empty_callback_factor(rows)
             times = [microseconds(partial(f, values)) for f in (factor.error, factor.linearize)]
-            print_row(rows, *(f"{time:.0f}" for time in times))
+            print_row(rows, *(f"{cost:.1f}" for cost in times))
 
 
 def print_preintegration() -> None:
