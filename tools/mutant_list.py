@@ -179,7 +179,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "backend/landmarks.py",
         "backend/test_landmarks",
         (
-            ("jacobian @ self.covariance @", "4.0 * jacobian @ self.covariance @"),
+            ("by_delta @ self.covariance @", "4.0 * by_delta @ self.covariance @"),
             ("[outliers, 1.0 - outliers]", "[1.0 - outliers, outliers]"),
         ),
     ),

@@ -157,7 +157,7 @@ def draw_status(axes: Any, run: RunTables) -> None:
     """The status as a strip of colours; frames without an estimate are hatched."""
     pieces = status_pieces(run)
     for start, stop, status in pieces:
-        missing = status == "no estimate"
+        missing = status == "without estimate"
         axes.axvspan(
             start,
             stop,
@@ -171,7 +171,7 @@ def draw_status(axes: Any, run: RunTables) -> None:
     axes.grid(visible=False)
     handles = [
         Patch(
-            facecolor=style.MISSING if name == "no estimate" else style.status_color(name),
+            facecolor=style.MISSING if name == "without estimate" else style.status_color(name),
             label=name,
         )
         for name in dict.fromkeys(status for _, _, status in pieces)
@@ -180,7 +180,7 @@ def draw_status(axes: Any, run: RunTables) -> None:
 
 
 def status_pieces(run: RunTables) -> list[tuple[float, float, str]]:
-    """Times from, to, s since the first frame, and the status or `no estimate` between them."""
+    """Times from, to, s since the first frame, and the status between, or `without estimate`."""
     # A state's status is that of the frames up to it.
     start, end = ((int(run.live.stamps[i]) - run.span[0]) * 1e-9 for i in (0, -1))
     pieces: list[tuple[float, float, str]] = []
@@ -192,7 +192,7 @@ def status_pieces(run: RunTables) -> list[tuple[float, float, str]]:
             start = time
     if pieces:
         pieces[-1] = (pieces[-1][0], max(end, pieces[-1][1]), pieces[-1][2])
-    return pieces + [(*piece, "no estimate") for piece in run.missing()]
+    return pieces + [(*piece, "without estimate") for piece in run.missing()]
 
 
 def _limits(values: FloatArray, sigmas: FloatArray) -> list[tuple[float, float]]:

@@ -189,9 +189,9 @@ def test_status_over_time_shows_frames_without_estimate(tmp_path):
     assert rounded == [
         (1.0, 2.0, "still"),
         (2.0, 7.0, "tracking"),
-        (0.0, 1.0, "no estimate"),
-        (4.0, 5.1, "no estimate"),
-        (7.0, 8.0, "no estimate"),
+        (0.0, 1.0, "without estimate"),
+        (4.0, 5.1, "without estimate"),
+        (7.0, 8.0, "without estimate"),
     ]
 
 
