@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from ruledgraph.app.options import calibration_options, force_option
+from ruledgraph.app.options import calibration_options, force_option, settings_options
 
 
 @click.command()
@@ -39,20 +39,7 @@ from ruledgraph.app.options import calibration_options, force_option
     metavar="MCAP",
     help="Write what the sensors deliver into this recording, with the calibration beside it.",
 )
-@click.option(
-    "--config",
-    "config_file",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Read settings from this YAML file.",
-)
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="SECTION.KEY=VALUE",
-    help="Change one setting; repeat it for several.",
-)
+@settings_options
 @force_option
 def live(realsense: bool, **options: Any) -> None:
     """Estimate the trajectory of a camera while it moves.

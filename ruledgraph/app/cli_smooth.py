@@ -8,7 +8,12 @@ from typing import Any
 
 import click
 
-from ruledgraph.app.options import calibration_options, force_option, recording_options
+from ruledgraph.app.options import (
+    calibration_options,
+    force_option,
+    recording_options,
+    settings_options,
+)
 
 
 @click.command()
@@ -32,20 +37,7 @@ from ruledgraph.app.options import calibration_options, force_option, recording_
     metavar="FILE|TOPIC",
     help="Report errors against these poses; {folder} and {stem} stand for the recording's.",
 )
-@click.option(
-    "--config",
-    "config_file",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Read settings from this YAML file.",
-)
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="SECTION.KEY=VALUE",
-    help="Change one setting; repeat it for several.",
-)
+@settings_options
 @click.option(
     "--time-offset",
     type=click.FloatRange(-10.0, 10.0),

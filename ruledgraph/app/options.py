@@ -39,6 +39,30 @@ def recording_options(command: _Command) -> _Command:
     return command
 
 
+def settings_options(command: _Command) -> _Command:
+    """The settings of a run."""
+    for option in reversed(
+        (
+            click.option(
+                "--config",
+                "config_file",
+                type=click.Path(path_type=Path),
+                metavar="FILE",
+                help="Read settings from this YAML file.",
+            ),
+            click.option(
+                "--set",
+                "settings",
+                multiple=True,
+                metavar="SECTION.KEY=VALUE",
+                help="Change one setting; repeat it for several.",
+            ),
+        )
+    ):
+        command = option(command)
+    return command
+
+
 def calibration_options(command: _Command) -> _Command:
     """The calibration that goes with a recording."""
     for option in reversed(
