@@ -26,7 +26,7 @@ import click
 import gtsam
 import numpy as np
 
-from ruledgraph.app.batch.cluster import WorkError, completed
+from ruledgraph.app.batch.cluster import in_parallel
 from ruledgraph.backend.line_merging import merged_lines
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import DEFAULTS
@@ -302,9 +302,7 @@ def main(
             row = json.loads(line)
             rows[Case(row["name"], {}, row["seed"], row["variant"]).key] = row
     todo = [case for case in chosen if case.key not in rows]
-    for done, (case, row) in enumerate(completed(_attempt, todo, workers=jobs), start=1):
-        if isinstance(row, WorkError):
-            raise row
+    for done, (case, row) in enumerate(in_parallel(_attempt, todo, workers=jobs), start=1):
         rows[case.key] = row
         figures = {k: round(row[k], 2) for k in ("live", "smoothed", "seconds") if k in row}
         failed = row.get("failed", "")

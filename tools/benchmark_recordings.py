@@ -19,7 +19,7 @@ import click
 import numpy as np
 
 from recorded_runs import Recorded, Run, cell, run_from
-from ruledgraph.app.batch.cluster import WorkError, completed
+from ruledgraph.app.batch.cluster import in_parallel
 from ruledgraph.app.cli import main as ruledgraph
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
@@ -176,9 +176,7 @@ def main(
     ]
     try:
         runs = {}
-        for case, run in completed(_run, chosen, workers=jobs):
-            if isinstance(run, WorkError):
-                raise run
+        for case, run in in_parallel(_run, chosen, workers=jobs):
             runs[case.name] = run
             click.echo(
                 f"{case.name}: {100 * run.frames:.0f} %, {cell(run.ate, 1)} mm live, "

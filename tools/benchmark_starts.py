@@ -21,7 +21,7 @@ import click
 import numpy as np
 
 from recorded_runs import Recorded, Run, cell, run_from
-from ruledgraph.app.batch.cluster import WorkError, completed
+from ruledgraph.app.batch.cluster import in_parallel
 from ruledgraph.core.errors import RuledgraphError
 
 # Limits that are counted, mm; and a start in time, s.
@@ -90,11 +90,7 @@ def main(
     moments = np.arange(first, last + 1e-6, every).tolist()
     one = partial(run_from, Recorded(bag, calibration, truth, settings), duration)
     try:
-        runs = []
-        for _, run in completed(one, moments, workers=processes):
-            if isinstance(run, WorkError):
-                raise run
-            runs.append(_told(run))
+        runs = [_told(run) for _, run in in_parallel(one, moments, workers=processes)]
         runs.sort(key=lambda run: run.begin)
     except RuledgraphError as error:
         click.echo(f"starts: {error}", err=True)

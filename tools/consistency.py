@@ -25,7 +25,7 @@ import click
 import numpy as np
 from scipy.stats import beta, chi2
 
-from ruledgraph.app.batch.cluster import WorkError, completed
+from ruledgraph.app.batch.cluster import in_parallel
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError
@@ -151,9 +151,7 @@ def main(
     known = {(row["start"], row["seed"]) for row in rows}
     todo = [(start, seed) for seed in range(runs) for start in starts or STARTS]
     work = partial(_run, seconds=seconds, rate=rate, config=config)
-    for _, row in completed(work, [case for case in todo if case not in known], workers=jobs):
-        if isinstance(row, WorkError):
-            raise row
+    for _, row in in_parallel(work, [case for case in todo if case not in known], workers=jobs):
         rows.append(row)
         print(f"{row['start']} {row['seed']}: {row['seconds']:.0f} s", file=sys.stderr, flush=True)
         if out is not None:

@@ -25,7 +25,7 @@ import numpy as np
 
 from paper_figures import ROWS, TITLES, Row
 from paper_runs import SOLVERS, Case, run
-from ruledgraph.app.batch.cluster import WorkError, completed
+from ruledgraph.app.batch.cluster import in_parallel
 from ruledgraph.core.arrays import FloatArray
 
 COLUMNS = {
@@ -212,10 +212,8 @@ def main(
         if (missing := [name for name in wanted if case.key(name) not in results])
     }
     started = time.perf_counter()
-    work = completed(_run, list(todo.items()), workers=jobs)
+    work = in_parallel(_run, list(todo.items()), workers=jobs)
     for done, (_, found) in enumerate(work, start=1):
-        if isinstance(found, WorkError):
-            raise found
         for result in found:
             results[result["key"]] = result
             if rows_file is not None:

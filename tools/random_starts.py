@@ -20,7 +20,7 @@ import numpy as np
 
 from benchmark_recordings import Case, cases
 from recorded_runs import Run, cell, run_from
-from ruledgraph.app.batch.cluster import WorkError, completed
+from ruledgraph.app.batch.cluster import in_parallel
 from ruledgraph.calibration import read_calibration
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.evaluation.ground_truth import read_ground_truth
@@ -109,9 +109,7 @@ def main(data: Path, cache: Path, runs: int, seed: int, jobs: int, json_file: Pa
     try:
         ends = [_length(case.recorded.truth) for case in whole]
         rows = []
-        for case, run in completed(_run, drawn(whole, ends, runs, seed), workers=jobs):
-            if isinstance(run, WorkError):
-                raise run
+        for case, run in in_parallel(_run, drawn(whole, ends, runs, seed), workers=jobs):
             rows.append((case.name, run))
             error = f"{cell(run.ate, 1)} mm, {cell(run.worst_reliable, 0)} at most"
             click.echo(f"{case.name}, from {run.begin:g} s: {error}", err=True)

@@ -19,7 +19,7 @@ class LinesConfig(Section):
     cauchy_scale_px: float = number(0.5, "px", 0.0, 100.0)
     """Scale of the Cauchy loss: offset of the whole line in every frame; 0: quadratic loss. It is
     four and a half standard deviations of an offset (0.11 px), chosen among 0.27, 0.3, 0.5 and 1 px
-    by all recordings of `tools/benchmark_recordings.py`."""
+    by recordings of `tools/benchmark_recordings.py`."""
     min_sightings: int = number(3, "", 2, 100)
     """Frames that must have seen a line before it is triangulated."""
     max_new_misfit_px: float = number(1.5, "px", 0.01, 100.0)

@@ -79,7 +79,8 @@ class RerunLog(Closing):
             ) from None
         self._rr = rerun
         self._target = str(target)
-        self.path = None if self._target == VIEWER or _URL in self._target else Path(target)
+        to_viewer = self._target == VIEWER or self._target.startswith(_URL)
+        self.path = None if to_viewer else Path(target)
         """The file, if it is one."""
         self._calibration = calibration
         self._stream = self._begin()

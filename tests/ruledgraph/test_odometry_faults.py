@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Frames and IMU samples with faults: got over, flagged and reported, or refused."""
+"""Frames and IMU samples with faults: handled, flagged and reported, or refused."""
 
 import itertools
 
@@ -15,7 +15,7 @@ from small_runs import ate, run
 from small_simulation import frames, small_simulation, small_stream
 
 
-def test_a_covered_lens_is_flagged_and_got_over():
+def test_a_covered_lens_is_flagged_and_handled():
     stream, calibration = small_stream()
     stamps = [frame.stamp for frame in frames(stream)]
     first, last = stamps[75], stamps[105]  # one second of black
@@ -106,7 +106,7 @@ def off_by_sigmas(live: list[Estimate], simulation) -> np.ndarray:
 
 
 @pytest.mark.parametrize("hangs", [False, True], ids=["silent", "hanging"])
-def test_a_hole_of_the_imu_is_got_over_and_shows_in_the_covariance(hangs):
+def test_a_hole_of_the_imu_is_bridged_and_shows_in_the_covariance(hangs):
     stream, calibration = small_stream()
     stamps = [m.stamp for m in stream if isinstance(m, ImuSample)]
     start, stop = stamps[int(0.6 * len(stamps))], stamps[int(0.68 * len(stamps))]

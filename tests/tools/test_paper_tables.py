@@ -58,7 +58,7 @@ def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
         assert workers == 2
         return ((item, work(item)) for item in items)
 
-    monkeypatch.setattr(paper_tables, "completed", in_process)
+    monkeypatch.setattr(paper_tables, "in_parallel", in_process)
     monkeypatch.setattr(paper_tables, "run", fake)
     rows = tmp_path / "rows.jsonl"
     arguments = ["--table", "4", "--rows", str(rows), "--out", str(tmp_path / "tables.md")]

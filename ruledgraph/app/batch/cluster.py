@@ -127,3 +127,17 @@ def completed(
             else:
                 yield item, WorkError(f"{future.status}: {future.exception()}".replace("\n", " "))
             future.release()
+
+
+def in_parallel(
+    work: Callable[[Item], Result], items: Sequence[Item], *, workers: int
+) -> Iterator[tuple[Item, Result]]:
+    """As `completed`, on this machine.
+
+    Raises:
+        WorkError: when the work on an item fails.
+    """
+    for item, result in completed(work, items, workers=workers):
+        if isinstance(result, WorkError):
+            raise result
+        yield item, result

@@ -11,29 +11,29 @@ MS = 1_000_000
 
 
 def test_the_force_is_that_at_the_gyroscopes_stamp():
-    got = []
-    imu = SplitImu(lambda *sample: got.append(sample))
+    samples = []
+    imu = SplitImu(lambda *sample: samples.append(sample))
     imu.add_gyroscope(np.ones(3), 5 * MS)  # before any force: left out
     imu.add_accelerometer(np.zeros(3), 10 * MS)
     imu.add_gyroscope(np.full(3, 2.0), 12 * MS)
     imu.add_gyroscope(np.full(3, 3.0), 16 * MS)
-    assert not got
+    assert not samples
     imu.add_accelerometer(np.array([0.0, 4.0, 8.0]), 14 * MS)
-    ((angular_velocity, force, stamp),) = got
+    ((angular_velocity, force, stamp),) = samples
     np.testing.assert_array_equal(angular_velocity, np.full(3, 2.0))
     np.testing.assert_allclose(force, [0.0, 2.0, 4.0])
     assert stamp == 12 * MS
     imu.add_accelerometer(np.zeros(3), 18 * MS)
-    assert [stamp for *_, stamp in got] == [12 * MS, 16 * MS]
+    assert [stamp for *_, stamp in samples] == [12 * MS, 16 * MS]
 
 
 def test_nothing_is_interpolated_across_a_gap():
-    got = []
-    imu = SplitImu(lambda *sample: got.append(sample))
+    samples = []
+    imu = SplitImu(lambda *sample: samples.append(sample))
     imu.add_accelerometer(np.zeros(3), 0)
     imu.add_gyroscope(np.zeros(3), 1 * MS)
     imu.add_accelerometer(np.zeros(3), MAX_IMU_GAP + 1)
-    assert not got
+    assert not samples
 
 
 def test_readings_do_not_pile_up_while_the_other_sensor_is_silent():
