@@ -16,6 +16,7 @@ was interrupted goes on.
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ import numpy as np
 
 import fault_scenes
 import faults
+from ruledgraph.app.batch.cluster import in_parallel
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Measurement
 from ruledgraph.core.settings import load_config
@@ -40,6 +42,7 @@ _REAL = {"real, from mid-motion": 0.0, "real, from mid-air": 7.3}
 # The end of a run says how well the offset is known, s.
 _END = 1.0
 _WAYS = ("false", "true")
+_MOVING = {"rest": False, "in motion": True}
 
 
 @dataclass(frozen=True)
@@ -57,9 +60,10 @@ class Case:
         return f"{self.recording}, seed {self.seed}|{self.ms:+d} ms|{self.estimate}"
 
 
-def simulated(moving: bool, seed: int, cache: Path) -> fault_scenes.Source:
-    """A hand-held camera in a cluttered scene, rendered once into a folder."""
-    out = cache / f"offset_{'moving' if moving else 'rest'}_{seed}.bag"
+def simulated(recording: tuple[str, int], cache: Path) -> fault_scenes.Source:
+    """A hand-held camera in a cluttered scene by its name and seed, rendered once into a folder."""
+    name, seed = recording
+    out = cache / f"offset_{'moving' if _MOVING[name] else 'rest'}_{seed}.bag"
     files = Files.beside(out)
     if not all(path.exists() for path in files):
         for path in files:
@@ -69,7 +73,7 @@ def simulated(moving: bool, seed: int, cache: Path) -> fault_scenes.Source:
             "free",
             rate=_RATE,
             duration=_SECONDS,
-            moving_start=moving,
+            moving_start=_MOVING[name],
             seed=seed,
         )
         write_simulation(made, out, "rosbag1")
@@ -78,7 +82,7 @@ def simulated(moving: bool, seed: int, cache: Path) -> fault_scenes.Source:
 
 def cases(data: Path | None, seeds: int, shifts: Sequence[int]) -> Iterator[Case]:
     """All of them."""
-    recordings = [(name, seed) for seed in range(seeds) for name in ("rest", "in motion")]
+    recordings = [(name, seed) for seed in range(seeds) for name in _MOVING]
     recordings += [(name, 0) for name in _REAL] if data is not None else []
     for name, seed in recordings:
         for ms in shifts:
@@ -102,7 +106,7 @@ def run(case: Case, data: Path | None, cache: Path, settings: Sequence[str]) -> 
     if data is not None and case.recording in _REAL:
         source = fault_scenes.real(data, _REAL[case.recording], _SECONDS)
     else:
-        source = simulated(case.recording == "in motion", case.seed, cache)
+        source = simulated((case.recording, case.seed), cache)
     config = load_config(None, [f"time_offset.estimate={case.estimate}", *settings])
     odometry = Odometry(source.calibration, config)
     stream = faults.shifted_frames(1e-3 * case.ms)(source.open().stream())
@@ -165,6 +169,7 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
     show_default=True,
     help="Where rendered recordings are kept.",
 )
+@click.option("--jobs", default=2, show_default=True, help="Processes.")
 @click.option("--out", type=click.Path(path_type=Path), help="Rows, JSON lines.")
 def main(
     data: Path | None,
@@ -173,6 +178,7 @@ def main(
     shifts: tuple[int, ...],
     settings: tuple[str, ...],
     cache: Path,
+    jobs: int,
     out: Path | None,
 ) -> None:
     """Command line."""
@@ -182,14 +188,24 @@ def main(
         for line in out.read_text(encoding="utf-8").splitlines():
             key, row = json.loads(line)
             rows[key] = row
-    for case in cases(data, seeds, shifts or _SHIFTS):
-        if case.key in rows or (only and not any(word in case.key for word in only)):
-            continue
-        rows[case.key] = run(case, data, cache, settings)
-        click.echo(f"{case.key} {rows[case.key]}", err=True)
+    todo = [
+        case
+        for case in cases(data, seeds, shifts or _SHIFTS)
+        if case.key not in rows and (not only or any(word in case.key for word in only))
+    ]
+    # Several cases share a recording: all are there before the first case begins.
+    rendered = {(case.recording, case.seed) for case in todo if case.recording in _MOVING}
+    for _ in in_parallel(partial(simulated, cache=cache), sorted(rendered), workers=jobs):
+        pass
+    work = partial(run, data=data, cache=cache, settings=settings)
+    found = {}
+    for case, row in in_parallel(work, todo, workers=jobs):
+        found[case.key] = row
+        click.echo(f"{case.key} {row}", err=True)
         if out is not None:
             with out.open("a", encoding="utf-8") as file:
-                file.write(json.dumps([case.key, rows[case.key]]) + "\n")
+                file.write(json.dumps([case.key, row]) + "\n")
+    rows |= {case.key: found[case.key] for case in todo}
     click.echo(table(rows))
 
 
