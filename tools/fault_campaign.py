@@ -24,14 +24,13 @@ Rows are kept in --out as they come; a run that was interrupted goes on.
 """
 
 import json
-import multiprocessing
+import subprocess
 import sys
 import time
-import traceback
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from multiprocessing.connection import Connection
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +41,7 @@ from scipy.spatial.transform import Rotation
 
 import fault_scenes
 from fault_cases import CLEAN, Case, cases
+from ruledgraph.app.batch.cluster import in_parallel
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Gap, Measurement
@@ -197,30 +197,25 @@ def verdict(row: dict[str, Any], clean: dict[str, Any] | None) -> str:
     return "reported" if row["beyond"] > _UNREPORTED_SHARE else "worse"
 
 
-def _attempt(case: Case, source: fault_scenes.Source, answer: Connection) -> None:
-    try:
-        answer.send(run(case, source))
-    except Exception:  # noqa: BLE001 - whatever it is, it is the finding
-        answer.send({"failure": "CRASH", "traceback": traceback.format_exc()})
+def guarded(key: str, options: Sequence[str], limit: float) -> dict[str, Any]:
+    """The row of a case, which a process of its own runs for at most `limit` s.
 
-
-def guarded(case: Case, source: fault_scenes.Source, limit: float) -> dict[str, Any]:
-    """Run a case in a process of its own, for at most `limit` s."""
-    context = multiprocessing.get_context("fork")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=_attempt, args=(case, source, theirs), daemon=True)
-    process.start()
-    theirs.close()
+    Args:
+        key: names the case.
+        options: of the command line, with which there is such a case.
+        limit: see above.
+    """
+    command = [sys.executable, __file__, *options, "--row", key]
     try:
-        if not ours.poll(limit):
-            process.kill()
-            return {"failure": "HANG", "traceback": f"still at it after {limit} s"}
-        return dict(ours.recv())
-    except EOFError:
-        process.join()
-        return {"failure": "CRASH", "traceback": f"exit code {process.exitcode}"}
-    finally:
-        process.join()
+        child = subprocess.run(  # noqa: S603 - ours
+            command, capture_output=True, text=True, timeout=limit, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return {"failure": "HANG", "traceback": f"still at it after {limit} s"}
+    if child.returncode:
+        said = child.stderr or f"exit code {child.returncode}"
+        return {"failure": "CRASH", "traceback": said}
+    return dict(json.loads(child.stdout))
 
 
 def all_cases(data: Path | None, cache: Path, seconds: float) -> list[tuple[Case, Any]]:
@@ -284,6 +279,7 @@ def _cell(form: str, row: dict[str, Any]) -> str:
 @click.option("--seconds", default=10.0, show_default=True, help="Of the real recording.")
 @click.option("--only", multiple=True, help="Cases whose name contains this; repeat it for more.")
 @click.option("--list", "listed", is_flag=True, help="Show all cases.")
+@click.option("--row", "key", help="Run one case here and now, and print its row.")
 @click.option("--limit", default=180.0, show_default=True, help="Of a case, s.")
 @click.option(
     "--cache",
@@ -292,24 +288,32 @@ def _cell(form: str, row: dict[str, Any]) -> str:
     show_default=True,
     help="Where rendered recordings are kept.",
 )
+@click.option("--jobs", default=2, show_default=True, help="Cases at a time.")
 @click.option("--out", type=click.Path(path_type=Path), help="Rows, JSON lines.")
 def main(
     data: Path | None,
     seconds: float,
     only: tuple[str, ...],
     listed: bool,
+    key: str | None,
     limit: float,
     cache: Path,
+    jobs: int,
     out: Path | None,
 ) -> None:
     """Command line."""
+    known = all_cases(data, cache, seconds)
+    if key is not None:
+        row = next(run(case, source()) for case, source in known if case.key == key)
+        click.echo(json.dumps(row))
+        return
     chosen = [
-        (case, source)
-        for case, source in all_cases(data, cache, seconds)
+        case
+        for case, _ in known
         if not only or case.fault == CLEAN or any(word in case.key for word in only)
     ]
     if listed:
-        click.echo("\n".join(case.key for case, _ in chosen))
+        click.echo("\n".join(case.key for case in chosen))
         return
     cache.mkdir(parents=True, exist_ok=True)
     rows: dict[str, dict[str, Any]] = {}
@@ -317,18 +321,24 @@ def main(
         for line in out.read_text(encoding="utf-8").splitlines():
             row = json.loads(line)
             rows[f"{row['recording']}: {row['fault']}"] = row
-    for case, source in chosen:
-        if case.key in rows:
-            continue
-        row = {"recording": case.recording, "fault": case.fault}
-        row |= guarded(case, source(), limit)
-        rows[case.key] = row
-        click.echo(f"{case.key} {row.get('ate', '')} {row.get('failure', '')}", err=True)
+    todo = {case.key: case for case in chosen if case.key not in rows}
+    # Several cases share a recording: all are there before the first case begins.
+    rendered = {case.recording for case in todo.values()} & set(fault_scenes.NAMES)
+    render = partial(fault_scenes.cached, folder=cache)
+    for _ in in_parallel(render, sorted(rendered), workers=jobs):
+        pass
+    options = ["--cache", str(cache), "--seconds", str(seconds)]
+    options += ["--data", str(data)] if data is not None else []
+    work = partial(guarded, options=options, limit=limit)
+    for name, figures in in_parallel(work, list(todo), workers=jobs):
+        row = {"recording": todo[name].recording, "fault": todo[name].fault} | figures
+        rows[name] = row
+        click.echo(f"{name} {row.get('ate', '')} {row.get('failure', '')}", err=True)
         if out is not None:
             with out.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")
-    click.echo(table([rows[case.key] for case, _ in chosen]))
-    if any("failure" in rows[case.key] for case, _ in chosen):
+    click.echo(table([rows[case.key] for case in chosen]))
+    if any("failure" in rows[case.key] for case in chosen):
         sys.exit(1)
 
 

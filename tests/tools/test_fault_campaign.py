@@ -2,17 +2,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The campaign's own judgement."""
 
-import time
-
 import gtsam
 import numpy as np
 import pytest
 
 import fault_campaign
-from fault_cases import Case
 from fault_scenes import NAMES
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.evaluation.ground_truth import GroundTruth
+from ruledgraph.simulation.write import Files
 
 CLEAN = {"fault": "none", "ate": 1.0}
 GOOD = {"fault": "blur", "ate": 5.0, "unreported": 0.0, "beyond": 0.0}
@@ -44,19 +42,14 @@ def test_what_the_clean_run_does_not_tell_is_no_fault_of_a_fault():
     )
 
 
-class Broken:
-    """A source that cannot be opened."""
-
-    def open(self):
-        raise RuntimeError("it crashed here")
-
-
-def test_a_crash_and_a_hang_are_findings(monkeypatch):
-    found = fault_campaign.guarded(Case("simulated", "none"), Broken(), 30.0)
+def test_a_crash_and_a_hang_are_findings(tmp_path):
+    for file in Files.beside(tmp_path / "simulated.bag"):
+        file.write_text("no such file")
+    options = ["--cache", str(tmp_path)]
+    found = fault_campaign.guarded("simulated: none", options, 60.0)
     assert found["failure"] == "CRASH"
-    assert "it crashed here" in found["traceback"]
-    monkeypatch.setattr(fault_campaign, "run", lambda *_: time.sleep(60))
-    found = fault_campaign.guarded(Case("simulated", "none"), Broken(), 0.5)
+    assert "simulated.bag" in found["traceback"]
+    found = fault_campaign.guarded("simulated: none", options, 0.1)
     assert found["failure"] == "HANG"
 
 
