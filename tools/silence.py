@@ -6,18 +6,17 @@
 
 Eight seconds of a simulated recording are tracked; then the IMU stops, repeats its last reading, or
 the camera stops, and the other one goes on for so many minutes of stamps, fed as fast as they are
-taken, the last two seconds at their pace. Both interfaces are tried, each case in a process of its
+taken, the last two seconds at their pace. Both interfaces are tried, each case by a worker of its
 own. Resident memory is printed after the first minute and at the end; the exit code is 1 if it grew
 by more than 5 %.
 """
 
 import gc
-import multiprocessing
 import resource
 import sys
 import time
-from collections.abc import Callable, Iterator
-from multiprocessing.connection import Connection
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,6 +24,7 @@ import click
 import numpy as np
 
 import ruledgraph
+from ruledgraph.app.batch.cluster import in_parallel
 from ruledgraph.core.measurements import Frame, ImuSample, Measurement
 from ruledgraph.simulation.options import simulation_from_options
 
@@ -92,8 +92,10 @@ def try_case(case: str, live: bool, minutes: float) -> Found:
         add(m)
         if not before and m.stamp > minute:
             before = _resident()
-    status = odometry.status if worker is None else worker.status
-    return Found(before, _resident(), status)
+    found = Found(before, _resident(), odometry.status if worker is None else worker.status)
+    if worker is not None:
+        worker.close()
+    return found
 
 
 def _resident() -> float:
@@ -102,24 +104,16 @@ def _resident() -> float:
     return pages * resource.getpagesize() / 2**20
 
 
-def _send(to: Connection, work: Callable[..., Found], *arguments: object) -> None:
-    to.send(work(*arguments))
-
-
 @click.command(help=__doc__)
 @click.option("--minutes", default=10.0, show_default=True)
 def main(minutes: float) -> None:
     """Command line."""
-    context, grew = multiprocessing.get_context("spawn"), False
+    grew = False
     for live in (False, True):
+        work = partial(try_case, live=live, minutes=minutes)
         for case in CASES:
-            ours, theirs = context.Pipe(duplex=False)
-            process = context.Process(target=_send, args=(theirs, try_case, case, live, minutes))
-            process.start()
-            theirs.close()
-            found = ours.recv()
-            process.kill()  # its live odometry waits for more
-            process.join()
+            # A worker for each: what a case leaves behind is not the next one's memory.
+            ((_, found),) = in_parallel(work, [case], workers=1)
             grew = grew or found.after > (1.0 + _MOST_GROWTH) * found.before
             name = "LiveOdometry" if live else "Odometry"
             click.echo(
