@@ -14,13 +14,13 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
 from pathlib import Path
 
 import click
 
 from mutant_list import MUTANTS, Mutant
+from ruledgraph.app.batch.cluster import in_parallel
 
 _ROOT = Path(__file__).resolve().parents[1]
 _LONGEST = 600.0  # s; a mutant that never ends is noticed, too
@@ -88,11 +88,7 @@ def run_tests(tests: Sequence[str], mutant: Mutant | None = None) -> int:
 
 def is_killed(number: int) -> bool:
     """Whether a test fails with that mutant."""
-    mutant = MUTANTS[number]
-    killed = run_tests(mutant.tests, mutant) == _FAILED
-    verdict = "killed  " if killed else "SURVIVED"
-    click.echo(f"{number:3d} {verdict} {mutant.file}: {mutant.old!r} -> {mutant.new!r}")
-    return killed
+    return run_tests(MUTANTS[number].tests, MUTANTS[number]) == _FAILED
 
 
 @click.command(help=__doc__.replace("\n\n    ", "\n\n\b\n    ") if __doc__ else None)
@@ -104,9 +100,12 @@ def main(only: tuple[int, ...], jobs: int) -> None:
     tests = sorted({test for number in numbers for test in MUTANTS[number].tests})
     if run_tests(tests) != _PASSED:
         raise click.ClickException("the tests fail without a mutant already")
-    with ThreadPoolExecutor(jobs) as pool:
-        killed = sum(pool.map(is_killed, numbers))
-    click.echo(f"{killed} of {len(numbers)} killed, {killed / len(numbers):.0%}")
+    count = 0
+    for number, killed in in_parallel(is_killed, numbers, workers=jobs):
+        mutant, verdict = MUTANTS[number], "killed  " if killed else "SURVIVED"
+        click.echo(f"{number:3d} {verdict} {mutant.file}: {mutant.old!r} -> {mutant.new!r}")
+        count += killed
+    click.echo(f"{count} of {len(numbers)} killed, {count / len(numbers):.0%}")
 
 
 if __name__ == "__main__":
