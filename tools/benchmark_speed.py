@@ -165,6 +165,7 @@ def draw(rows: Mapping[str, Sequence[Row]], path: Path) -> None:
 @click.option("--seconds", default=SECONDS, show_default=True, help="Of the simulations.")
 def main(out: Path, data: str | None, repeat: int, seconds: float) -> None:
     """Command line."""
+    # One after the other, and not by workers: their threads would count as processor time.
     out.mkdir(parents=True)
     click.echo(f"{version_text()}\n{machine_text()}, {platform.machine()}, {date.today()}\n")
     with tempfile.TemporaryDirectory() as folder:
