@@ -21,6 +21,7 @@ from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, L, P, V, X
 
 import ruledgraph_factors as rf
+from ruledgraph.app.batch.cluster import in_parallel
 from ruledgraph.core.arrays import FloatArray
 
 WIDE = noiseModel.Diagonal.Sigmas(np.array(rf.NEW_LINE_SIGMAS))
@@ -89,10 +90,8 @@ def twist(name: str, seed: int) -> tuple[float, float]:
     with_lines = solve_with_lines(graph, without, lines, motions)
 
     def rmse(solved: gtsam.Values) -> float:
-        gaps = [
-            solved.atPose3(X(i)).translation() - scenario.pose(i).translation()
-            for i in range(SECONDS + 1)
-        ]
+        true = [scenario.pose(i).translation() for i in range(SECONDS + 1)]
+        gaps = [solved.atPose3(X(i)).translation() - place for i, place in enumerate(true)]
         return float(np.sqrt(np.mean(np.sum(np.square(gaps), axis=1))))
 
     return rmse(without), rmse(with_lines)
@@ -338,8 +337,10 @@ def main() -> None:
     """Print the table."""
     seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 20
     print("Position RMSE (m), median and range; how many seeds are worse with lines")
-    for name, scene in SCENES.items():
-        errors = np.array([scene(seed) for seed in range(seeds)])
+    items = [(name, seed) for name in SCENES for seed in range(seeds)]
+    found = dict(in_parallel(lambda item: SCENES[item[0]](item[1]), items, workers=2))
+    for name in SCENES:
+        errors = np.array([found[name, seed] for seed in range(seeds)])
         cells = [f"{np.median(e):.4f} ({e.min():.4f} to {e.max():.4f})" for e in errors.T]
         worse = int(np.sum(errors[:, 1] > errors[:, 0]))
         print(f"{name:14} without {cells[0]}   with {cells[1]}   worse {worse} of {seeds}")

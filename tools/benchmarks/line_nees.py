@@ -25,6 +25,7 @@ from gtsam.symbol_shorthand import B, L, V, X
 from scipy.stats import chi2
 
 import ruledgraph_factors as rf
+from ruledgraph.app.batch.cluster import in_parallel
 from ruledgraph.calibration.sensors import D435I_LIKE
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.simulation import SplineMotion, simulate_imu
@@ -45,6 +46,7 @@ SEGMENTS = np.array(
     ]
 )
 FRAME_TIMES = np.arange(135) / 90.0
+JOBS = 2  # processes
 START_VIEWS = 45  # frames that a line is triangulated from
 BIAS_SIGMAS = np.repeat([0.05, 0.005], 3)  # m/s^2, rad/s
 NO_BIAS = gtsam.imuBias.ConstantBias()
@@ -198,11 +200,14 @@ def main() -> None:
         print(f"  {name:9} {low:.2f} to {high:.2f}")
     names = "".join(f"{name:>10}" for name in DIMENSIONS)
     print(f"noise (px)  frames a state  IMU noise  {names}  objected")
-    for pixels, step, imu_noise in CASES:
-        runs = [nees(seed, pixels, step, imu_noise) for seed in range(seeds)]
+    items = [(case, seed) for case in CASES for seed in range(seeds)]
+    found = dict(in_parallel(lambda item: nees(item[1], *item[0]), items, workers=JOBS))
+    for case in CASES:
+        pixels, step, imu_noise = case
+        runs = [found[case, seed] for seed in range(seeds)]
         cells = "".join(f"{value:10.2f}" for value in np.mean([run[0] for run in runs], axis=0))
         objected = sum(run[1] for run in runs)
-        print(f"{pixels:10} {step:15} {imu_noise!s:>10}  {cells}{objected:10}", flush=True)
+        print(f"{pixels:10} {step:15} {imu_noise!s:>10}  {cells}{objected:10}")
 
 
 if __name__ == "__main__":

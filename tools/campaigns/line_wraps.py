@@ -20,10 +20,12 @@ from gtsam import noiseModel
 from gtsam.symbol_shorthand import L, X
 
 import ruledgraph_factors as rf
+from ruledgraph.app.batch.cluster import in_parallel
 
 SIGMA = 1.0 / 500.0  # a pixel
 VIEWS = 5
 WIDE = noiseModel.Diagonal.Sigmas(np.array(rf.NEW_LINE_SIGMAS))
+PART = 500  # lines that a worker takes at a time
 HELD = noiseModel.Isotropic.Sigma(6, 1e-4)
 
 
@@ -83,7 +85,9 @@ def run(seed: int) -> Outcome:
 def main() -> None:
     """Print the counts."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
-    outcomes = [run(seed) for seed in range(count)]
+    parts = [range(count)[i : i + PART] for i in range(0, count, PART)]
+    found = in_parallel(lambda part: [run(seed) for seed in part], parts, workers=2)
+    outcomes = [outcome for _, of_part in found for outcome in of_part]
     far = [outcome for outcome in outcomes if outcome.far]
     print(f"{count} lines, {len(far)} ended far from their chart's reference, of these")
     print(f"  not reported by check_lines: {sum(not outcome.reported for outcome in far)}")
