@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ruledgraph.calibration.sensors import CameraModel as CameraModel
     from ruledgraph.calibration.sensors import ImuNoise as ImuNoise
     from ruledgraph.core.config import Config as Config
+    from ruledgraph.core.errors import MeasurementError as MeasurementError
     from ruledgraph.core.errors import RuledgraphError as RuledgraphError
     from ruledgraph.core.estimates import Estimate as Estimate
     from ruledgraph.core.measurements import Frame as Frame
@@ -41,6 +42,7 @@ _LAZY = {
     "ImuNoise": "calibration.sensors",
     "ImuSample": "core.measurements",
     "LiveOdometry": "live",
+    "MeasurementError": "core.errors",
     "Odometry": "odometry",
     "RuledgraphError": "core.errors",
     "Trajectory": "core.trajectory",

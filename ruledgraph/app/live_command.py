@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """`ruledgraph live`: a connected camera's trajectory, printed, and its measurements recorded."""
 
+import logging
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -16,12 +17,14 @@ from numpy.typing import NDArray
 from ruledgraph.app.calibration_choice import calibration_of_files
 from ruledgraph.app.interrupts import CaughtSignals
 from ruledgraph.app.options import make_way
+from ruledgraph.app.refusals import Refusals
 from ruledgraph.calibration import TYPICAL_IMU_NOISE, write_kalibr
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.context import Closing
-from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.errors import MeasurementError, RuledgraphError
 from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.core.settings import load_config
+from ruledgraph.core.trajectory import seconds
 from ruledgraph.live import LiveOdometry
 from ruledgraph.live.realsense import RealSense, connected_device
 from ruledgraph.live.sensor_queue import SensorQueue, Signal
@@ -53,26 +56,33 @@ def live_command(
     sensors = RealSense(device or connected_device(), width, height, rate)
     if calibration_files:
         calibration = calibration_of_files(calibration_files, None, camera, imu)
+        _check_size(calibration, width, height)
     else:
         calibration = sensors.calibration(TYPICAL_IMU_NOISE[imu or "d435i"])
+    images, samples = Refusals("image"), Refusals("IMU sample")
     with ExitStack() as stack:
         # They end from the last to the first: the streams before what they feed.
         recorder = record and stack.enter_context(Recorder(record, calibration, force))
         odometry = stack.enter_context(LiveOdometry(calibration, config))
         stack.enter_context(sensors)
         signals = stack.enter_context(CaughtSignals())
+        stack.enter_context(_Warnings())
 
         def on_image(image: NDArray[np.uint8], stamp: int) -> None:
-            odometry.add_image(image, t_ns=stamp)
-            if recorder:
-                recorder.add(Frame.of(image, t_ns=stamp))
+            with images.counted():
+                odometry.add_image(image, t_ns=stamp)
+                if recorder:
+                    recorder.add(Frame.of(image, t_ns=stamp))
 
         def on_imu(
             gyroscope: NDArray[np.float64], accelerometer: NDArray[np.float64], stamp: int
         ) -> None:
-            odometry.add_imu(gyroscope, accelerometer, t_ns=stamp)
-            if recorder:
-                recorder.add(ImuSample(stamp, gyroscope, accelerometer))
+            with samples.counted():
+                if not np.isfinite([gyroscope, accelerometer]).all():
+                    raise MeasurementError(f"the IMU sample at {seconds(stamp)} s is not finite")
+                odometry.add_imu(gyroscope, accelerometer, t_ns=stamp)
+                if recorder:
+                    recorder.add(ImuSample(stamp, gyroscope, accelerometer))
 
         sensors.start(on_image, on_imu)
         begin = time.monotonic()
@@ -88,8 +98,37 @@ def live_command(
         f"{counts.images} images, {counts.dropped_images} of them dropped, {counts.imu} IMU "
         f"samples, {counts.estimates} estimates"
     )
+    if images.count or samples.count:
+        click.echo(f"warning: {images} and {samples} could not be used", err=True)
     if record:
         click.echo(f"{record}\nNext: ruledgraph smooth {record} --calibration {_beside(record)}")
+
+
+class _Warnings(logging.Handler, Closing):
+    """Prints what the odometry warns of."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        logging.getLogger("ruledgraph").addHandler(self)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """An error is not printed here: it ends the command, and is printed then."""
+        if record.levelno == logging.WARNING:
+            click.echo(f"warning: {record.getMessage()}", err=True)
+
+    def close(self) -> None:
+        """Print no more."""
+        logging.getLogger("ruledgraph").removeHandler(self)
+        super().close()
+
+
+def _check_size(calibration: Calibration, width: int, height: int) -> None:
+    camera = calibration.camera
+    if (camera.width, camera.height) != (width, height):
+        raise RuledgraphError(
+            f"the images will be {width}x{height}, but the calibration is for {camera.width}x"
+            f"{camera.height}; choose it by --resolution {camera.width}x{camera.height}"
+        )
 
 
 def _line(odometry: LiveOdometry) -> str:

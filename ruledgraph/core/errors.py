@@ -9,6 +9,10 @@ class RuledgraphError(Exception):
     """Bad input or a run that cannot go on: one line that says what, where, and what to do."""
 
 
+class MeasurementError(RuledgraphError):
+    """A sample or an image that cannot be used and is left out; those after it may be good."""
+
+
 class MachineError(RuledgraphError):
     """The machine ran out of disk space, memory or threads. What was written can be read."""
 

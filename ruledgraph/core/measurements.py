@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.errors import MeasurementError
 
 # Stamps are int64 nanoseconds: until the year 2262.
 _LAST_SECOND = 2**63 // 10**9
@@ -50,7 +50,7 @@ class Frame:
             t_ns: in nanoseconds.
 
         Raises:
-            RuledgraphError: for anything else.
+            MeasurementError: for anything else.
         """
         return cls(stamp_of(t, t_ns), _grey(image))
 
@@ -80,7 +80,7 @@ class ImuSample(NamedTuple):
             t_ns: in nanoseconds.
 
         Raises:
-            RuledgraphError: for another shape, or what no IMU reads in these units. NaN and
+            MeasurementError: for another shape, or what no IMU reads in these units. NaN and
                 infinity are the sensor's fault: the odometry leaves such a sample out.
         """
         return cls(
@@ -107,40 +107,40 @@ def stamp_of(t: float | None = None, t_ns: int | None = None) -> int:
     """A stamp in ns, of seconds or of nanoseconds; exactly one must be given.
 
     Raises:
-        RuledgraphError: for none or both, another type, NaN, or a time before 0 or after 2262.
+        MeasurementError: for none or both, another type, NaN, or a time before 0 or after 2262.
     """
     if (t is None) == (t_ns is None):
-        raise RuledgraphError("pass the time as t=, in seconds, or as t_ns=, in nanoseconds")
+        raise MeasurementError("pass the time as t=, in seconds, or as t_ns=, in nanoseconds")
     if t_ns is not None:
         if isinstance(t_ns, bool) or not isinstance(t_ns, Integral):
-            raise RuledgraphError(
+            raise MeasurementError(
                 f"t_ns = {t_ns!r} is no whole number of nanoseconds; pass seconds as t="
             )
         stamp = int(t_ns)
     else:
         if isinstance(t, bool) or not isinstance(t, Real) or not math.isfinite(t):
-            raise RuledgraphError(f"t = {t!r} is no time in seconds")
+            raise MeasurementError(f"t = {t!r} is no time in seconds")
         if t >= _LAST_SECOND:
-            raise RuledgraphError(
+            raise MeasurementError(
                 f"t = {float(t):g} s is after the year 2262; pass nanoseconds as t_ns="
             )
         # Of whole seconds and the rest apart: float64 holds ns only within 104 days.
         whole = math.floor(t)
         stamp = whole * 10**9 + round((float(t) - whole) * 1e9)
     if not 0 <= stamp < 2**63:
-        raise RuledgraphError(f"a stamp of {stamp} ns is not within 0 to 2^63")
+        raise MeasurementError(f"a stamp of {stamp} ns is not within 0 to 2^63")
     return stamp
 
 
 def _reading(name: str, values: ArrayLike, largest: float, unit: str) -> NDArray[np.float64]:
     given: Any = np.asarray(values)
     if given.shape != (3,) or given.dtype.kind not in "fiu":
-        raise RuledgraphError(
+        raise MeasurementError(
             f"{name}: 3 numbers are wanted, x, y and z, not {given.dtype} of shape {given.shape}"
         )
     reading = np.array(given, dtype=np.float64)
     if np.isfinite(reading).all() and np.abs(reading).max() > largest:
-        raise RuledgraphError(f"{name}: no IMU reads {reading.tolist()}; pass {unit}")
+        raise MeasurementError(f"{name}: no IMU reads {reading.tolist()}; pass {unit}")
     return reading
 
 
@@ -150,13 +150,13 @@ def _grey(image: ArrayLike) -> NDArray[np.uint8]:
         try:
             given = np.array(image, dtype=np.uint8)
         except (ValueError, TypeError, OverflowError) as error:
-            raise RuledgraphError(f"image: no array of 8 bit pixels: {error}") from None
+            raise MeasurementError(f"image: no array of 8 bit pixels: {error}") from None
     given = np.asarray(given)
     if given.dtype != np.uint8:
-        raise RuledgraphError(f"image: {given.dtype} pixels; convert them to 8 bit, uint8")
+        raise MeasurementError(f"image: {given.dtype} pixels; convert them to 8 bit, uint8")
     channels = given.shape[2] if given.ndim == 3 else 1
     if given.ndim not in (2, 3) or channels not in (1, 3, 4) or given.size == 0:
-        raise RuledgraphError(
+        raise MeasurementError(
             f"image: shape {given.shape}; grey is (height, width), BGR (height, width, 3)"
         )
     if channels == 1:

@@ -110,8 +110,9 @@ class LiveOdometry(Closing):
             t_ns: in nanoseconds, exact for stamps since 1970.
 
         Raises:
-            RuledgraphError: for what cannot be a sample in these units, or not in this order; it
+            MeasurementError: for what cannot be a sample in these units, or not in this order; it
                 is left out. So is one with NaN or infinity, with a warning.
+            RuledgraphError: for readings in another unit.
         """
         self._check_open()
         sample = ImuSample.of(gyroscope, accelerometer, t=t, t_ns=t_ns)
@@ -130,7 +131,7 @@ class LiveOdometry(Closing):
             t_ns: in nanoseconds, exact for stamps since 1970.
 
         Raises:
-            RuledgraphError: for another image, or one that does not come in order; it is left out.
+            MeasurementError: for another image, or one not in order of time; it is left out.
         """
         self._check_open()
         frame = Frame.of(image, t=t, t_ns=t_ns)
@@ -161,8 +162,7 @@ class LiveOdometry(Closing):
     @property
     def counts(self) -> Counts:
         """What came in and out so far."""
-        queue = self._queue
-        dropped = queue.dropped_frames, queue.dropped_imu
+        dropped = self._queue.dropped_frames, self._queue.dropped_imu
         return Counts(self._imu.count, self._images.count, *dropped, self._estimates)
 
     @property

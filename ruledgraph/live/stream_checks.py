@@ -9,7 +9,7 @@ import time as clock
 import numpy as np
 
 from ruledgraph.calibration.sensors import CameraModel
-from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.errors import MeasurementError, RuledgraphError
 from ruledgraph.core.measurements import MAX_IMU_GAP, Frame, ImuSample
 from ruledgraph.core.stamps import CLOSEST_FRAMES, CLOSEST_SAMPLES
 from ruledgraph.core.trajectory import seconds
@@ -55,7 +55,8 @@ class ImuStream(Stream):
         """Take note of the next sample.
 
         Raises:
-            RuledgraphError: for one that is not later than the last, or looks like another unit.
+            MeasurementError: for one that is not later than the last, or far from it again.
+            RuledgraphError: for readings in another unit.
         """
         if self._last is None:
             self._first = sample.stamp
@@ -64,7 +65,7 @@ class ImuStream(Stream):
             self._sparse = self._sparse + 1 if apart > MAX_IMU_GAP else 0
             if self._sparse >= _SPARSE:
                 self._last = sample.stamp  # the next one may be near
-                raise RuledgraphError(
+                raise MeasurementError(
                     f"IMU samples come {apart * 1e-9:g} s apart, too far to integrate; check the "
                     "unit of their stamps: t= is in seconds, t_ns= in nanoseconds"
                 )
@@ -92,11 +93,11 @@ class ImageStream(Stream):
         """Take note of the next frame.
 
         Raises:
-            RuledgraphError: for one that is not later than the last, or of another size than the
+            MeasurementError: for one that is not later than the last, or of another size than the
                 calibration's.
         """
         if fault := image_fault(frame, self._camera):
-            raise RuledgraphError(fault)
+            raise MeasurementError(fault)
         if self._last is not None:
             _apart("image", self._last, frame.stamp, CLOSEST_FRAMES)
         self._note(frame.stamp)
@@ -105,12 +106,12 @@ class ImageStream(Stream):
 def _apart(what: str, last: int, stamp: int, closest: int) -> int:
     apart = stamp - last
     if apart <= 0:
-        raise RuledgraphError(
-            f"an {what} at {seconds(stamp)} s comes after one at {seconds(last)} s; add them "
-            "in order of time, each once"
+        raise MeasurementError(
+            f"an {what} at {seconds(stamp)} s comes after one at {seconds(last)} s, not in order "
+            "of time"
         )
     if apart < closest:
-        raise RuledgraphError(
+        raise MeasurementError(
             f"an {what} comes {apart} ns after the last; check the unit of its stamp: t= is in "
             "seconds, t_ns= in nanoseconds"
         )

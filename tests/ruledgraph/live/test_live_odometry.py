@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import ruledgraph
-from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.errors import MeasurementError, RuledgraphError
 from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.live import LiveOdometry
 from ruledgraph.odometry import Odometry
@@ -287,14 +287,14 @@ def test_wrong_order_and_units_are_refused_and_left_out():
     image = np.zeros((240, 320), np.uint8)
     with LiveOdometry(calibration) as live:
         live.add_imu(W, A, t=1.0)
-        with pytest.raises(RuledgraphError, match="in order of time"):
+        with pytest.raises(MeasurementError, match="in order of time"):
             live.add_imu(W, A, t=1.0)
-        with pytest.raises(RuledgraphError, match="check the unit of its stamp"):
+        with pytest.raises(MeasurementError, match="check the unit of its stamp"):
             live.add_imu(W, A, t_ns=1_000_005_000)
         live.add_image(image, t=1.0)
-        with pytest.raises(RuledgraphError, match=r"an image at 0\.9"):
+        with pytest.raises(MeasurementError, match=r"an image at 0\.9"):
             live.add_image(image, t=0.9)
-        with pytest.raises(RuledgraphError, match="640x480, but the calibration is for 320x240"):
+        with pytest.raises(MeasurementError, match="640x480, but the calibration is for 320x240"):
             live.add_image(np.zeros((480, 640), np.uint8), t=1.1)
         assert live.counts[:2] == (1, 1)
 
@@ -303,7 +303,7 @@ def test_stamps_in_milliseconds_are_refused():
     with LiveOdometry(small_stream()[1]) as live:
         for i in range(3):
             live.add_imu(W, A, t=5.0 * i)
-        with pytest.raises(RuledgraphError, match="IMU samples come 5 s apart"):
+        with pytest.raises(MeasurementError, match="IMU samples come 5 s apart"):
             live.add_imu(W, A, t=15.0)
         assert live.counts.imu == 3
 
