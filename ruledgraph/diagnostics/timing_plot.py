@@ -27,8 +27,9 @@ def draw_timing(seen: Observations, folder: Path) -> Path:
         ):
             if len(stamps) > 1:
                 times = seen.times(stamps)
-                panel.plot(times[1:], 1e3 * np.diff(times), ".", markersize=2.5, color=color)
-                panel.set_ylim(bottom=0.0)
+                steps = 1e3 * np.diff(times)
+                panel.plot(times[1:], steps, ".", markersize=2.5, color=color)
+                panel.set_ylim(0.0, 1.15 * steps.max())
             panel.set(title=f"{name}: step between stamps", ylabel="ms")
         if len(seen.imu_stamps) > 1:
             times, imu = seen.times(seen.imu_stamps), seen.imu

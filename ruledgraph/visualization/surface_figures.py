@@ -44,11 +44,11 @@ def ruled_surface_figure(
             t = np.repeat(times[:, None], 2, axis=1)
             points = np.stack([t, ends[:, :, 0], ends[:, :, 1]], axis=2)
             color = np.array(style.line_color(number)) / 255.0
-            axes.add_collection3d(
-                Line3DCollection(list(points), colors=[(*color, 0.55)], linewidths=0.9)
-            )
+            # Not clipped: to matplotlib the box's own rectangle is narrower than the box.
+            rulings = Line3DCollection(list(points), colors=[(*color, 0.55)], linewidths=0.9)
+            axes.add_collection3d(rulings).set_clip_on(False)
             for side in (0, 1):
-                axes.plot(*points[:, side].T, color=0.8 * color, lw=1.2)
+                axes.plot(*points[:, side].T, color=0.8 * color, lw=1.2, clip_on=False)
             axes.text(*points[-1].mean(axis=0), f" {number}", color=0.7 * color, fontsize=8)
         stop = max((time for number in chosen for time, _ in surfaces[number]), default=1.0)
         axes.set(xlim=(0.0, stop), ylim=(0, camera.width), zlim=(camera.height, 0))

@@ -11,6 +11,9 @@ from ruledgraph.core.arrays import FloatArray
 # Inches: the widest and tallest the drawing may get, the gap between views, the margins.
 _WIDTH, _HEIGHT = 11.0, 9.4
 _GAP, _LEFT, _BOTTOM, _TOP, _RIGHT = 0.65, 0.7, 0.55, 1.05, 0.25
+# A colour bar, with what lies to both its sides, and the widest entry of a legend.
+_BAR = 2.4
+_BAR_AND_GAP, _ENTRY = _BAR + 0.85, 1.12
 
 
 class ThreeViews:
@@ -50,14 +53,18 @@ class ThreeViews:
 
     def legend(self, handles: list[Any], labels: list[str]) -> None:
         """Above the views."""
-        self.figure.legend(handles, labels, loc="upper left", bbox_to_anchor=(0.02, 0.995), ncols=6)
+        room = self._size[0] - _BAR_AND_GAP
+        columns = max(n for n in (1, 2, 3, 6) if n == 1 or n * _ENTRY <= room)
+        self.figure.legend(
+            handles, labels, loc="upper left", bbox_to_anchor=(0.02, 0.995), ncols=columns
+        )
 
     def color_bar(self, drawn: Any, label: str) -> None:
         """Above the views, on the right."""
         width, height = self._size
-        bar = self._axes(width - 2.75, height - 0.34, 2.4, 0.13)
+        bar = self._axes(width - 0.35 - _BAR, height - 0.42, _BAR, 0.13)
         self.figure.colorbar(drawn, cax=bar, orientation="horizontal")
-        bar.text(-0.04, 0.5, label, transform=bar.transAxes, ha="right", va="center")
+        bar.text(0.0, 1.4, label, transform=bar.transAxes, ha="left", va="bottom")
 
     def _axes(self, left: float, bottom: float, across: float, up: float) -> Any:
         """At a place in inches."""

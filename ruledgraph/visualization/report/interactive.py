@@ -57,15 +57,17 @@ def trajectory_json(run: RunTables, truth: GroundTruth | None) -> str:
 def _layout() -> dict[str, Any]:
     def axis(name: str) -> dict[str, Any]:
         # The page sets colours, which depend on whether it is light or dark.
-        return {"title": {"text": f"{name} (m)"}, "showbackground": False, "zeroline": False}
+        title = {"text": f"{name} (m)"}
+        return {"title": title, "nticks": 6, "showbackground": False, "zeroline": False}
 
     return {
         "scene": {
             **{f"{name}axis": axis(name) for name in "xyz"},
             "aspectmode": "data",
             "camera": {
-                "eye": {"x": -1.0, "y": -1.55, "z": 0.95},
-                "center": {"x": 0.0, "y": 0.0, "z": -0.12},
+                "eye": {"x": -1.15, "y": -1.8, "z": 1.1},
+                # To the left of the middle: axes are labelled there.
+                "center": {"x": -0.15, "y": 0.1, "z": -0.12},
             },
         },
         "margin": {"l": 0, "r": 0, "t": 0, "b": 0},

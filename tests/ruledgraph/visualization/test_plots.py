@@ -207,6 +207,7 @@ def test_ruled_surfaces_are_of_lines_apart_from_each_other():
     assert 50 in numbers[:2]
     assert 51 not in numbers
     assert any("ruled surface" in text.get_text() for text in figure.texts)
+    assert not any(drawn.get_clip_on() for drawn in (*axes.lines, *axes.collections))
 
 
 def test_a_run_leaves_overlays_and_figures(tmp_path):
