@@ -17,6 +17,7 @@ from ruledgraph.app.batch.cluster import run_all
 from ruledgraph.app.batch.jobs import Job, plan
 from ruledgraph.app.batch.store import Store
 from ruledgraph.app.batch.work import Outcome
+from ruledgraph.app.run_summary import short_text
 
 # Exit code after Ctrl-C, as shells say it.
 _INTERRUPTED = 130
@@ -107,7 +108,8 @@ def _progress(total: int) -> Iterator[Callable[[Job, Outcome], None]]:
         def tell(job: Job, outcome: Outcome) -> None:
             nonlocal count
             count += 1
-            click.echo(f"{count}/{total} {job.name}: {outcome.error or 'done'}", err=True)
+            told = "failed" if outcome.error else short_text(outcome.summary)
+            click.echo(f"{count}/{total} {job.name}: {told}", err=True)
 
         yield tell
         return

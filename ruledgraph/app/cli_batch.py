@@ -64,7 +64,7 @@ from ruledgraph.app.options import calibration_options, recording_options
 @click.option("--force", is_flag=True, help="Run again what is complete.")
 @recording_options
 def batch(recordings: tuple[str, ...], **options: Any) -> None:
-    """Smooth many RECORDINGs, with each choice of settings; needs ruledgraph[batch].
+    """Smooth many RECORDINGs, with each choice of settings; needs the package distributed.
 
     RECORDING is a path, a folder of several, a quoted pattern, a file's URL (as fsspec reads it),
     or a simulation as sim:SCENE:MOTION with options such as ?rate=30&duration=6&resolution=320x240.

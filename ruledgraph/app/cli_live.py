@@ -15,7 +15,7 @@ from ruledgraph.app.options import calibration_options, force_option, settings_o
     "--realsense",
     is_flag=True,
     required=True,
-    help="Read the connected RealSense camera with an IMU; needs ruledgraph[realsense].",
+    help="Read the connected RealSense camera with an IMU; needs the package pyrealsense2.",
 )
 @calibration_options
 @click.option(

@@ -96,7 +96,9 @@ class Results(Closing):
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if any(folder.iterdir()):
-                raise ResultsError(f"{folder}: is not empty; name another folder with --output")
+                raise ResultsError(
+                    f"{folder}: is not empty; name another folder with --output, or pass --force"
+                )
             write_whole(folder / "config.yaml", config_text(config))
             self._reserve = folder / ".reserve"
             with suppress(MachineError):  # without it the end may not be written

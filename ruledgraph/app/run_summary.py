@@ -25,6 +25,16 @@ def summary_text(summary: Mapping[str, Any], output: Path, *, rerun: Path | None
     return "\n".join(f"{name:<{_WIDTH}}{text}" for name, text in rows)
 
 
+def short_text(summary: Mapping[str, Any]) -> str:
+    """The same in a few words: how many frames were estimated, and how accurately."""
+    text = f"{summary['frames_estimated']} of {summary['frames']} frames estimated"
+    for name, kind in _KINDS.items():
+        found = summary.get("accuracy", {}).get(name, {})
+        if "ate_rmse" in found:
+            text += f", ATE {kind} {1e3 * found['ate_rmse']:.1f} mm"
+    return text
+
+
 def _frames(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     frames, estimated = summary["frames"], summary["frames_estimated"]
     yield "Frames", f"{estimated} of {frames} estimated{_share(estimated, frames)}"

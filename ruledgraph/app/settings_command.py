@@ -23,7 +23,7 @@ def settings(section: str | None) -> None:
     listed = settings_table()
     sections = list(dict.fromkeys(setting.section for setting in listed))
     if section is not None and section not in sections:
-        raise ConfigError(f"no section {section!r}; there are {', '.join(sections)}")
+        raise ConfigError(f"{section}: no such section; there are {', '.join(sections)}")
     listed = [setting for setting in listed if section in (None, setting.section)]
     console = Console()
     if not console.is_terminal:

@@ -47,7 +47,7 @@ _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _NOTHING_ESTIMATED, _BY_SIGNAL = 3, 128
 """Exit codes; to the second the number of the signal is added."""
 _OFF = {
-    NO_ESTIMATE: "there was no start, or none held",
+    NO_ESTIMATE: "before a start, or when a start was taken back",
     "dead reckoning": "the IMU alone carried them",
     "degraded": "images and IMU disagree",
 }

@@ -109,10 +109,10 @@ def _on_command_line(settings: Iterable[str]) -> Iterator[_Found]:
 def _require_known(origin: str, section: str, key: str) -> None:
     sections = Config.model_fields
     if section not in sections:
-        raise ConfigError(f"{origin}no section {section!r}; there are {', '.join(sections)}")
+        raise ConfigError(f"{origin}{section}: no such section; there are {', '.join(sections)}")
     keys = _fields(section)
     if key not in keys:
-        raise ConfigError(f"{origin}no setting {section}.{key}; there are {', '.join(keys)}")
+        raise ConfigError(f"{origin}{section}.{key}: no such setting; there are {', '.join(keys)}")
 
 
 def _fields(section: str) -> dict[str, FieldInfo]:

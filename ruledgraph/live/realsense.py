@@ -37,7 +37,7 @@ def librealsense() -> Any:
         return import_module("pyrealsense2")
     except ImportError as error:
         raise RuledgraphError(
-            "RealSense cameras need pyrealsense2 (pip install 'ruledgraph[realsense]') and libusb "
+            "RealSense cameras need pyrealsense2 (pip install pyrealsense2) and libusb "
             f"(Debian, Ubuntu: apt install libusb-1.0-0): {error}"
         ) from None
 

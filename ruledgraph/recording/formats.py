@@ -28,6 +28,16 @@ def open_container(path: Path) -> Container:
         raise RecordingError(f"{path} cannot be read: {error.strerror or error}") from None
 
 
+def _why_none(folder: Path) -> str:
+    if found := sorted(folder.glob("*.bag")):
+        several = "a recording" if len(found) == 1 else f"{len(found)} recordings"
+        return f"{folder} holds {several}; name one, such as {found[0]}"
+    return (
+        f"{folder} holds no recording: no *.bag, *.mcap or *.db3, and no mav0/cam0/data.csv as of "
+        "EuRoC"
+    )
+
+
 def _open(path: Path) -> Container:
     if not path.exists():
         raise RecordingError(f"{path} does not exist")
@@ -37,10 +47,7 @@ def _open(path: Path) -> Container:
             return AslFolder(root)
         if (path / METADATA).exists() or storage_files(path):
             return Rosbag2(path)
-        raise RecordingError(
-            f"{path} is no recording: it holds neither a ROS 2 bag (metadata.yaml, *.db3, *.mcap) "
-            "nor mav0/cam0/data.csv"
-        )
+        raise RecordingError(_why_none(path))
     if not path.is_file():
         raise RecordingError(f"{path} is no recording: it is a device or a pipe, not a file")
     with path.open("rb") as file:

@@ -97,9 +97,7 @@ def completed(
     try:
         distributed: Any = import_module("distributed")  # it has no types
     except ImportError:
-        raise RuledgraphError(
-            "batch needs dask.distributed: pip install 'ruledgraph[batch]'"
-        ) from None
+        raise RuledgraphError("batch needs dask.distributed: pip install distributed") from None
     with ExitStack() as stack:
         if scheduler is None:
             cluster = distributed.LocalCluster(

@@ -184,7 +184,7 @@ def _recordings(patterns: Sequence[str]) -> list[str]:
             paths = [pattern] if there else sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207
             matches = [match for path in paths for match in _of_folder(path)]
             if not matches:
-                raise RuledgraphError(f"{pattern}: no recording is there, and the pattern has none")
+                raise RuledgraphError(f"{pattern}: no recording is there")
         found += [match for match in matches if match not in found]
     return found
 

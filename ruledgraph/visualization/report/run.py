@@ -101,6 +101,14 @@ class Run:
         return len(self.warnings) + self.warnings_left_off
 
 
+def _why_none(folder: Path, error: OSError) -> str:
+    if not folder.exists():
+        return f"{folder} does not exist"
+    if any(folder.glob("*/summary.json")):
+        return f"{folder}: its folders hold a run each; name them: ruledgraph report {folder}/*/"
+    return f"{folder}: no results of a run that has ended: summary.json: {error.strerror}"
+
+
 def read_run(folder: Path, truth: GroundTruth | None) -> Run:
     """Read a results folder.
 
@@ -115,9 +123,7 @@ def read_run(folder: Path, truth: GroundTruth | None) -> Run:
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise ReportError(
-            f"{folder}: no results of a run that has ended: {path.name}: {error.strerror}"
-        ) from None
+        raise ReportError(_why_none(folder, error)) from None
     except (ValueError, RecursionError):
         raise ReportError(f"{path}: is not JSON") from None
     found = _evaluated(folder, truth) if truth is not None else None

@@ -4,7 +4,7 @@
 
 from pathlib import Path
 
-from ruledgraph.app.run_summary import summary_text
+from ruledgraph.app.run_summary import short_text, summary_text
 
 SUMMARY = {
     "frames": 200,
@@ -65,3 +65,11 @@ def test_names_with_spaces_can_be_pasted():
     text = summary_text(SUMMARY, Path("my run"), rerun=Path("a b.rrd"))
     assert "ruledgraph report 'my run'" in text
     assert "rerun 'a b.rrd'" in text
+
+
+def test_a_few_words():
+    assert short_text(SUMMARY) == "180 of 200 frames estimated"
+    accuracy = {"trajectory": ACCURACY, "trajectory_live": {"error": "no overlap"}}
+    assert short_text(SUMMARY | {"accuracy": accuracy}) == (
+        "180 of 200 frames estimated, ATE smoothed 12.3 mm"
+    )

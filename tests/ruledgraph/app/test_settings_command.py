@@ -29,4 +29,4 @@ def test_a_section_alone_is_listed():
 def test_an_unknown_section_is_named_with_those_there_are():
     code, output = settings("windows")
     assert code == 2
-    assert "no section 'windows'; there are edges, tracks" in output
+    assert "windows: no such section; there are edges, tracks" in output

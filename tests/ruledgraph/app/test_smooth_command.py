@@ -124,7 +124,10 @@ def test_results_are_never_overwritten(recording, tmp_path):
         recording / "small.bag", "--calibration", recording / "calib.yaml", "--output", tmp_path
     )
     assert result.exit_code == 2
-    assert f"{tmp_path}: is not empty; name another folder with --output" in result.output
+    assert (
+        f"{tmp_path}: is not empty; name another folder with --output, or pass --force"
+        in result.output
+    )
     assert (tmp_path / "kept.txt").read_text() == "mine"
 
 
@@ -155,7 +158,7 @@ def test_a_calibration_for_another_size_is_named(recording, tmp_path):
     ("arguments", "message"),
     [
         ((), "no calibration; pass --calibration FILE"),
-        (("--calibration", "CALIB", "--set", "window.lga=2"), "no setting window.lga"),
+        (("--calibration", "CALIB", "--set", "window.lga=2"), "window.lga: no such setting"),
         (("--calibration", "CALIB", "--image-topic", "/cam7"), "/cam7"),
         (("--calibration", "CALIB", "--ground-truth", "/nowhere"), "/nowhere"),
         (("--calibration", "missing.yaml"), "missing.yaml"),

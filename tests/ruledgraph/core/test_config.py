@@ -53,10 +53,13 @@ def test_a_value_of_the_file_that_is_wrong_is_named_with_the_file(tmp_path):
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ("window.lagg=2", "--set no setting window.lagg; there are state_interval, lag, updates"),
+        (
+            "window.lagg=2",
+            "--set window.lagg: no such setting; there are state_interval, lag, updates",
+        ),
         (
             "windows.lag=2",
-            "--set no section 'windows'; there are edges, tracks, lines, map, window",
+            "--set windows: no such section; there are edges, tracks, lines, map, window",
         ),
         ("window.lag=long", "--set window.lag: 'long' is not a number"),
         ("window.lag=nan", "--set window.lag: must lie in"),
@@ -84,7 +87,7 @@ def test_wrong_settings_are_named(setting, message):
         ("- 1\n- 2\n", "not a mapping of sections"),
         ("window: 3\n", "window: not a mapping of settings"),
         ("window:\n  lag: [1, 2]\n", "window.lag: a single value is wanted"),
-        ("window:\n  lga: 2\n", "no setting window.lga"),
+        ("window:\n  lga: 2\n", "window.lga: no such setting"),
     ],
 )
 def test_wrong_files_are_named(tmp_path, text, message):

@@ -195,7 +195,10 @@ def test_what_is_no_recording(content: bytes | None, text: str, tmp_path: Path) 
 
 
 def test_folder_that_is_no_recording(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="is no recording: it holds neither a ROS 2 bag"):
+    with pytest.raises(RecordingError, match=r"holds no recording: no \*\.bag, \*\.mcap or"):
+        open_recording(tmp_path)
+    (tmp_path / "a.bag").write_bytes(b"#ROSBAG V2.0\n")
+    with pytest.raises(RecordingError, match=r"holds a recording; name one, such as .*a\.bag$"):
         open_recording(tmp_path)
 
 

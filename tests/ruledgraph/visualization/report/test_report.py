@@ -297,6 +297,13 @@ def test_a_folder_without_a_run_is_one_line(tmp_path, content, message):
     assert not (tmp_path / "page.html").exists()
 
 
+def test_a_folder_of_runs_and_one_that_is_not_there_are_said(finished, tmp_path):
+    result = report(finished.parent, "--output", tmp_path / "page.html")
+    assert f"name them: ruledgraph report {finished.parent}/*/" in result.output
+    result = report(tmp_path / "nothing")
+    assert result.output == f"ruledgraph: {tmp_path / 'nothing'} does not exist\n"
+
+
 @pytest.mark.parametrize(
     "change",
     [
