@@ -86,7 +86,8 @@ def _found(folder: Path) -> Iterator[Path]:
         if path.name.startswith("."):
             continue
         if path.is_dir():
-            yield from _found(path)
+            if not folder.resolve().is_relative_to(path.resolve()):  # a link back would not end
+                yield from _found(path)
         elif path.is_file():
             with path.open("rb") as file:
                 if file.read(16).startswith((ROSBAG1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC)):

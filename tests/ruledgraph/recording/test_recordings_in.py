@@ -29,6 +29,11 @@ def test_files_bags_and_folders_of_any_kind(folder):
     assert names == ["a", "day 1/b.bag", "euroc"]
 
 
+def test_a_link_back_is_not_followed(folder):
+    (folder / "day 1" / "back").symlink_to(folder)
+    assert len(recordings_in(folder)) == 3
+
+
 @pytest.mark.parametrize("name", ["a", "euroc"])
 def test_a_recording_that_is_a_folder(folder, name):
     assert recordings_in(folder / name) == [folder / name]
