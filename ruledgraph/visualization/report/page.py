@@ -61,9 +61,9 @@ def write_report(
     Raises:
         ReportError: names the folder that holds no run, or why the file cannot be written.
     """
+    runs = [read_run(folder, truth) for folder in folders]
     if output.exists() and not force:
         raise ReportError(f"{output}: exists already; overwrite it with --force")
-    runs = [read_run(folder, truth) for folder in folders]
     text = _page(runs, truth)
     try:
         # Names of files may hold bytes that are no UTF-8.

@@ -298,6 +298,7 @@ def test_a_folder_without_a_run_is_one_line(tmp_path, content, message):
 
 
 def test_a_folder_of_runs_and_one_that_is_not_there_are_said(finished, tmp_path):
+    (tmp_path / "page.html").touch()
     result = report(finished.parent, "--output", tmp_path / "page.html")
     assert f"name them: ruledgraph report {finished.parent}/*/" in result.output
     result = report(tmp_path / "nothing")
