@@ -157,6 +157,11 @@ class IntegrityConfig(Section):
     """An estimate with a larger bias has run away."""
     max_accelerometer_bias: float = number(3.0, "m/s^2", 1e-2, 100.0)
     """An estimate with a larger bias has run away."""
+    tracking_velocity_sigma: float = number(0.15, "m/s", 1e-3, 10.0)
+    """An estimate is called `tracking` while the standard deviation of its velocity is below this
+    along every axis: a tenth of a walk ..."""
+    tracking_position_sigma: float = number(3.0, "m", 1e-3, 1e3)
+    """... and that of its position since the segment began below this: half a room."""
     trial_time: float = number(0.7, "s", 0.0, 60.0)
     """How long a start in motion is on trial."""
     trial_share: float = number(0.5, "", 0.01, 1.0)

@@ -41,7 +41,7 @@ class IntegrityMonitor:
     def __init__(
         self, gauge_uncertainty: GaugeUncertainty, warnings: Messages, config: Config
     ) -> None:
-        self._fade_time = config.integrity.fade_time
+        self._limits = config.integrity
         self._base_gauge = gauge_uncertainty
         self._imu = ImuCheck(warnings, config.integrity)
         self._lines = LineCheck(warnings, config.integrity)
@@ -101,6 +101,15 @@ class IntegrityMonitor:
         scaled = times * of_pose, times * of_velocity, self._excess * of_bias
         return self._gauge.added_to(scaled, pose, velocity)
 
+    def are_small(self, covariances: Covariances) -> bool:
+        """Whether position and velocity are known well enough for the status `tracking`."""
+        of_pose, of_velocity, _ = covariances
+        limits = self._limits
+        return bool(
+            np.linalg.eigvalsh(of_velocity)[-1] < limits.tracking_velocity_sigma**2
+            and np.linalg.eigvalsh(of_pose[3:, 3:])[-1] < limits.tracking_position_sigma**2
+        )
+
     def _inflate(self, node: StateNode, excess: float, elapsed: float) -> None:
         disagreed, self.disagree = self.disagree, self._imu.contradicts or self.misfits
         position = _of_position(node)
@@ -113,7 +122,7 @@ class IntegrityMonitor:
                 node.state.position(),
             )
             self._excess, self._added_position = 1.0, np.zeros((3, 3))
-        fading = 1.0 if self.disagree else float(np.exp(-elapsed / self._fade_time))
+        fading = 1.0 if self.disagree else float(np.exp(-elapsed / self._limits.fade_time))
         self._excess = max(excess, fading * self._excess)
         # The position keeps its error: the inflated part as of now, and that of further drift.
         largest = _enclosing(self._largest_position, position)

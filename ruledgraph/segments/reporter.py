@@ -14,7 +14,7 @@ from ruledgraph.backend.states import Interval
 from ruledgraph.calibration.sensors import ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import LinesConfig
-from ruledgraph.core.estimates import Estimate, Status, blocks
+from ruledgraph.core.estimates import Covariances, Estimate, Status, blocks
 from ruledgraph.core.output import Output
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
@@ -83,20 +83,20 @@ class EstimateReporter:
         window: Window,
         frame: FrameTime,
         state: gtsam.NavState,
-        covariance: FloatArray,
+        covariances: Covariances,
         status: Status,
         lines: int,
         at_state: bool,
         time_offset: TimeOffset,
     ) -> Estimate:
-        """The estimate of the latest frame, whose state has this covariance, (15, 15)."""
+        """The estimate of the latest frame, whose state has these covariances."""
         node, pose, velocity = window.newest, state.pose(), state.velocity()
         estimate = Estimate(
             stamp=frame.stamp,
             world_T_body=pose,
             velocity=velocity,
             bias=node.bias,
-            covariances=self._monitor.covariances(blocks(covariance), pose, velocity),
+            covariances=covariances,
             lines=lines,
             status=status,
             at_state=at_state,

@@ -10,7 +10,7 @@ from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.start import Start
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
-from ruledgraph.core.estimates import Status
+from ruledgraph.core.estimates import Covariances, Status, blocks
 from ruledgraph.core.line_observations import LinePrediction
 from ruledgraph.imu.frame_history import EARLY, FrameTime
 from ruledgraph.imu.propagation import ImuPropagator
@@ -167,18 +167,18 @@ class TrajectorySegment:
 
     def report(self, frame: FrameTime, lines: int, at_state: bool) -> Status:
         """Hand out the live estimate of a frame in which so many lines of the graph were seen."""
-        status = self._status(frame.time, lines)
-        clock = self._stages.clock
-        covariance = self._propagator.covariance(self.window.newest, frame.time)
+        clock, pose, velocity = self._stages.clock, self.state.pose(), self.state.velocity()
+        of_window = blocks(self._propagator.covariance(self.window.newest, frame.time))
+        covariances = self.monitor.covariances(of_window, pose, velocity)
+        status = self._status(frame.time, lines, covariances)
         estimate = self._reporter.live(
-            self.window, frame, self.state, covariance, status, lines, at_state, clock.offset
+            self.window, frame, self.state, covariances, status, lines, at_state, clock.offset
         )
         if not self.monitor.misfits:  # else it may be lost since then
-            pose, velocity = estimate.world_T_body, estimate.velocity
             self.last_reliable = ReliableState(frame.time, pose, velocity, estimate.covariances)
         return status
 
-    def _status(self, time: float, lines: int) -> Status:
+    def _status(self, time: float, lines: int, covariances: Covariances) -> Status:
         limits = self._config.integrity
         if lines >= limits.min_lines:
             self._last_lines = time
@@ -187,8 +187,9 @@ class TrajectorySegment:
             return "degraded"
         if self._still:
             return "still"
-        missing = time - self._last_lines > limits.lines_missing_time
-        return "dead reckoning" if missing or self.monitor.parallel else "tracking"
+        if time - self._last_lines > limits.lines_missing_time or self.monitor.parallel:
+            return "dead reckoning"
+        return "tracking" if self.monitor.are_small(covariances) else "degraded"
 
     def finish(self) -> None:
         """Hand out what is still in the window."""

@@ -296,3 +296,18 @@ def test_an_estimate_that_moves_while_the_body_rests_is_off_by_that():
     monitor.update(window, False)
     more = shown(window, monitor) - before
     np.testing.assert_allclose(R @ more @ R.T, np.outer(slide, slide), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "position", "small"), [(0.14, 2.9, True), (0.16, 0.0, False), (0.0, 3.1, False)]
+)
+def test_tracking_means_that_position_and_velocity_are_known_along_every_axis(
+    velocity, position, small
+):
+    """Up to 0.15 m/s and 3 m, along the axis where they are known least."""
+    turn = gtsam.Rot3.RzRyRx(0.3, -0.8, 1.1).matrix()
+    of_pose = 1e-9 * np.eye(6)
+    of_pose[3:, 3:] += turn @ np.diag([position**2, 0.0, 0.0]) @ turn.T
+    of_velocity = 1e-9 * np.eye(3) + turn @ np.diag([0.0, velocity**2, 0.0]) @ turn.T
+    monitor = IntegrityMonitor(GaugeUncertainty(), Messages(), Config())
+    assert monitor.are_small((of_pose, of_velocity, np.eye(6))) == small
