@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from ruledgraph.app.options import force_option, format_option, make_way
+from ruledgraph.app.options import LONGEST_READOUT, force_option, format_option, make_way
 
 
 def _list_simulations(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
@@ -78,6 +78,13 @@ def _list_simulations(context: click.Context, _option: click.Parameter, wanted: 
     default=200.0,
     show_default=True,
     help="Sample the IMU so often a second.",
+)
+@click.option(
+    "--readout",
+    type=click.FloatRange(0.0, LONGEST_READOUT),
+    metavar="SECONDS",
+    help="Expose the rows of an image one after the other within this time, as a rolling shutter "
+    "does; by default as the calibration's line_delay says.",
 )
 def simulate(
     scene: str,

@@ -14,6 +14,9 @@ from ruledgraph.core.errors import RuledgraphError
 # What tells a folder that a command wrote: results, a ROS 2 bag, an ASL folder.
 _MARKS = ("trajectory_live.tum", "*.db3", "mav0")
 
+LONGEST_READOUT = 1.0
+"""s; above any frame interval in use, so that milliseconds are noticed."""
+
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 
@@ -86,6 +89,14 @@ def calibration_options(command: _Command) -> _Command:
                 type=click.Choice(["d435i", "adis16448"]),
                 help="Take this sensor's typical IMU noise, where the calibration has none, as a "
                 "bag's own.",
+            ),
+            click.option(
+                "--readout",
+                type=click.FloatRange(0.0, LONGEST_READOUT),
+                metavar="SECONDS",
+                help="Take an image's rows to be exposed one after the other within this time, "
+                "from the first, at the stamp, to the last, instead of the calibration's "
+                "line_delay; 0 is a global shutter.",
             ),
         )
     ):

@@ -31,6 +31,7 @@ def write_kalibr(calibration: Calibration, path: str | Path) -> None:
         *([f"  rostopic: {calibration.image_topic}"] if calibration.image_topic else []),
         f"  timeshift_cam_imu: {_number(calibration.time_offset)}",
         *(["  timeshift_exact: true"] if calibration.time_offset_exact else []),
+        *([f"  line_delay: {_number(calibration.line_delay)}"] if calibration.line_delay else []),
         "imu0:",
         *(f"  {key}: {_number(getattr(noise, name))}" for name, key in NOISE_KEYS.items()),
         *([f"  rostopic: {calibration.imu_topic}"] if calibration.imu_topic else []),

@@ -27,6 +27,8 @@ TYPICAL_IMU_NOISE = {"d435i": D435I_LIKE, "adis16448": ADIS16448_LIKE}
 _POSE_KEYS = ("T_cam_imu", "T_imu_cam", "T_BS")
 _LARGEST_TIME_OFFSET = 10.0  # s
 _LARGEST_NOISE = 10.0
+# s; sensors read a row in 5 to 100 us: more is in another unit, or of the whole image.
+_LARGEST_LINE_DELAY = 1e-3
 
 Kind: TypeAlias = Literal["camera", "imu", "info"]
 
@@ -66,6 +68,7 @@ def read_calibration(
             "timeshift_cam_imu", -_LARGEST_TIME_OFFSET, _LARGEST_TIME_OFFSET, default=0.0
         ),
         time_offset_exact=section.flag("timeshift_exact"),
+        line_delay=section.number("line_delay", 0.0, _LARGEST_LINE_DELAY, default=0.0),
         image_topic=section.text("rostopic") or None,
         imu_topic=(sources.imu.text("rostopic") or None) if sources.imu else None,
     )

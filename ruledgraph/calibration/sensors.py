@@ -260,6 +260,22 @@ class Calibration:
     time_offset_exact: bool = False
     """Whether `time_offset` is exact, as of cameras that the IMU's clock triggers, and not to be
     estimated (`timeshift_exact: true` beside `timeshift_cam_imu`)."""
+    line_delay: float = 0.0
+    """s; row r of an image is exposed r line_delay later than row 0, which the stamp belongs to
+    (Kalibr's `line_delay`). 0: a global shutter."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.line_delay < np.inf:
+            raise RuledgraphError(f"line_delay = {self.line_delay} s is negative or not finite")
+
+    @property
+    def readout(self) -> float:
+        """From the first row's exposure to the last one's, s."""
+        return self.line_delay * (self.camera.height - 1)
+
+    def with_readout(self, readout: float) -> "Calibration":
+        """The same with another time from the first row to the last, s."""
+        return replace(self, line_delay=readout / max(self.camera.height - 1, 1))
 
 
 @dataclass(frozen=True)

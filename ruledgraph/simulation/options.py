@@ -27,6 +27,7 @@ def simulation_from_options(
     rate: float = 90.0,
     imu: str | None = None,
     imu_rate: float = 200.0,
+    readout: float | None = None,
     start: float = 0.0,
     duration: float | None = None,
     moving_start: bool = False,
@@ -43,6 +44,7 @@ def simulation_from_options(
         imu: d435i, euroc, none, or EuRoC's file of a real IMU that goes with the measured motion.
             By default what the calibration says.
         imu_rate: samples a second.
+        readout: from the first row to the last, s, instead of the calibration's.
         start: where in a measured motion to begin, s.
         duration: s, by default 12, or all of a measured motion.
         moving_start: a named motion starts at full speed.
@@ -54,6 +56,8 @@ def simulation_from_options(
     sensors = D435I if calibration is None else read_calibration(calibration)
     if resolution is not None:
         sensors = _resized(sensors, resolution)
+    if readout is not None:
+        sensors = sensors.with_readout(readout)
     path = Path(motion)
     measured = motion not in MOTIONS and path.is_file()
     chosen: str | MeasuredMotion = (
@@ -125,7 +129,7 @@ def _resized(calibration: Calibration, resolution: str) -> Calibration:
         cx=(camera.cx + 0.5 - 0.5 * camera.width) * scale + 0.5 * width - 0.5,
         cy=(camera.cy + 0.5 - 0.5 * camera.height) * scale + 0.5 * height - 0.5,
     )
-    return replace(calibration, camera=resized)
+    return replace(calibration, camera=resized).with_readout(calibration.readout)
 
 
 def _states(path: Path) -> Path | None:

@@ -187,8 +187,10 @@ class Renderer:
             [[0, 0, 1], [1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]], dtype=float
         )
 
-    def render(self, world_T_cam: gtsam.Pose3) -> Image:
-        """Brightness of every pixel, 0 to 255, (height, width)."""
+    def render(self, world_T_cam: gtsam.Pose3, rows: slice | None = None) -> Image:
+        """Brightness of every pixel, 0 to 255, (height, width); of some rows if these are given,
+        the others being 0.
+        """
         eye, world_R_cam = world_T_cam.translation(), world_T_cam.rotation().matrix()
         in_cam = (self._mesh.vertices - eye) @ world_R_cam
         inside = in_cam @ self._field_planes.T - [_NEAR, 0.0, 0.0, 0.0, 0.0]
@@ -196,6 +198,8 @@ class Renderer:
         visible = np.all(np.maximum.reduceat(inside, self._mesh.starts) > 0.0, axis=1)
         visible &= faces_eye[self._mesh.surfaces]
         boxes = self._boxes(in_cam)
+        if rows is not None:
+            np.clip(boxes.pixels[:, :2], rows.start, rows.stop, out=boxes.pixels[:, :2])
         visible &= (boxes.pixels[:, 0] < boxes.pixels[:, 1]) & (
             boxes.pixels[:, 2] < boxes.pixels[:, 3]
         )

@@ -21,6 +21,7 @@ from ruledgraph.simulation.measured import MeasuredMotion
 from ruledgraph.simulation.motion import Motion
 from ruledgraph.simulation.motions import make_motion
 from ruledgraph.simulation.renderer import Image, Renderer
+from ruledgraph.simulation.rolling_shutter import row_weights, rows_with_weight
 from ruledgraph.simulation.scene import Scene
 from ruledgraph.simulation.scenes import make_scene
 
@@ -35,6 +36,10 @@ D435I = Calibration(
 # next, px.
 _BLUR_STEP = 1.5
 _MOST_EXPOSURES = 16
+# The same of a rolling shutter: between two renderings edges are at most so far apart, px, that
+# their mean looks like one edge.
+_ROLLING_STEP = 0.75
+_MOST_STEPS = 100
 # Stamp of the start of a named motion, ns.
 _EPOCH = 1_700_000_000_000_000_000
 
@@ -61,7 +66,8 @@ class Simulation:
     scene: Scene
     motion: Motion
     calibration: Calibration
-    """Stamps of frames are `time_offset` earlier than the IMU's of the same moment."""
+    """Stamps of frames are `time_offset` earlier than the IMU's of the same moment; with a
+    `line_delay` they are of the first row."""
     rate: float
     """Frames a second."""
     imu: ImuSource
@@ -85,7 +91,8 @@ class Simulation:
                 yield Frame(stamp, camera.take(number, time))
 
     def frame_times(self) -> FloatArray:
-        """Of all frames, dropped ones included: the middle of their exposure, s.
+        """Of all frames, dropped ones included: the middle of their exposure, of a rolling shutter
+        that of the first row, s.
 
         The first is half a frame after the motion's start.
         """
@@ -130,6 +137,7 @@ class _Camera:
     def __init__(self, simulation: Simulation) -> None:
         self._motion, self._quality = simulation.motion, simulation.quality
         self._body_T_cam = simulation.calibration.body_T_cam
+        self._readout = simulation.calibration.readout
         self._camera = simulation.calibration.camera
         self._renderer = Renderer(simulation.scene, self._camera)
         self.sensor = Sensor(self._camera, simulation.quality, simulation.seed)
@@ -142,6 +150,8 @@ class _Camera:
 
     def _brightness(self, time: float) -> Image:
         half = 0.5 * self._quality.exposure
+        if self._readout:
+            return self._row_by_row(time)
         count = self._exposures(time - half, time + half)
         # Midpoints of equal parts of the exposure.
         moments = time + half * ((2.0 * np.arange(count) + 1.0) / count - 1.0)
@@ -151,13 +161,36 @@ class _Camera:
             total += image
         return total * np.float32(1.0 / count)
 
+    def _row_by_row(self, time: float) -> Image:
+        """As `_brightness`, the first row around a time (s), the last `_readout` later."""
+        exposure, height = self._quality.exposure, self._camera.height
+        first, last = time - 0.5 * exposure, time + self._readout + 0.5 * exposure
+        steps = np.ceil(self._movement(first, last) / _ROLLING_STEP)
+        moments = np.linspace(first, last, 1 + int(np.clip(steps, 1, _MOST_STEPS)))
+        row_times = time + np.linspace(0.0, self._readout, height)
+        weights = row_weights(row_times, moments, exposure)
+        total = np.zeros((height, self._camera.width), dtype=np.float32)
+        for moment, share in zip(moments.tolist(), weights.astype(np.float32).T, strict=True):
+            rows = rows_with_weight(share)
+            # The motion ends, and with it the IMU: later rows of the last frame are of no use.
+            image = self._renderer.render(self._pose(min(moment, self._motion.stop)), rows)
+            total[rows] += share[rows, None] * image[rows]
+        return total
+
     def _pose(self, time: float) -> gtsam.Pose3:
         return self._motion.pose(time) * self._body_T_cam
 
     def _exposures(self, start: float, stop: float) -> int:
-        """How many renderings make a smooth blur, from how far the scene's lines move."""
+        """How many renderings make a smooth blur."""
+        pixels = self._movement(start, stop)
+        return int(np.clip(np.ceil(pixels / _BLUR_STEP), 1, _MOST_EXPOSURES))
+
+    def _movement(self, start: float, stop: float) -> float:
+        """How far most of the image moves from one time to another (s), px; from how far the
+        scene's lines do.
+        """
         if stop <= start:
-            return 1
+            return 0.0
         first, last = self._pose(start), self._pose(stop)
         seen = [
             (self._lines - pose.translation()) @ pose.rotation().matrix() for pose in (first, last)
@@ -166,10 +199,9 @@ class _Camera:
         rays = [points[ahead, :2] / points[ahead, 2:] for points in seen]
         in_view = np.all(np.abs(rays[0]) < 1.0, axis=1)
         if not in_view.any():
-            return 1
+            return 0.0
         moved = np.quantile(np.linalg.norm(rays[1][in_view] - rays[0][in_view], axis=1), 0.9)
-        pixels = float(moved) * self._camera.focal_length
-        return int(np.clip(np.ceil(pixels / _BLUR_STEP), 1, _MOST_EXPOSURES))
+        return float(moved) * self._camera.focal_length
 
 
 def simulate(
@@ -212,6 +244,10 @@ def simulate(
     if quality.exposure > 1.0 / rate:
         raise RuledgraphError(
             f"an exposure of {quality.exposure} s does not fit between frames at {rate} Hz"
+        )
+    if calibration.readout > 1.0 / rate:
+        raise RuledgraphError(
+            f"a readout of {calibration.readout:g} s does not fit between frames at {rate:g} Hz"
         )
     surrounds = None
     if isinstance(motion, str):

@@ -37,6 +37,16 @@ from ruledgraph.calibration import CalibrationError, read_calibration
         ("0.2]", "200]", "cam0/T_cam_imu has a translation above 10 m; it must be in metres"),
         ("[0.0, 0.0, 0.0, 1.0]", "[0, 0, 1, 0]", "cam0/T_cam_imu must have 0, 0, 0, 1 as its la"),
         ("-0.00123", "-1230000", "cam0/timeshift_cam_imu = -1.23e+06 is not within -10 to 10"),
+        (
+            "  timeshift_cam_imu: -0.00123",
+            "  line_delay: -1e-5",
+            "cam0/line_delay = -1e-05 is not within 0 to 0.001",
+        ),
+        (
+            "  timeshift_cam_imu: -0.00123",
+            "  line_delay: 0.02",
+            "cam0/line_delay = 0.02 is not within 0 to 0.001",
+        ),
         ("0.002\n", "-0.002\n", "imu0/accelerometer_noise_density = -0.002 is not within 1e-12 t"),
         ("2e-05\n", "0\n", "imu0/gyroscope_random_walk = 0 is no noise figure, give a positive"),
         ("0.002\n", "1e-300\n", "imu0/accelerometer_noise_density = 1e-300 is not within 1e-12 to"),

@@ -12,6 +12,7 @@ import yaml
 from calibration_files import CAM0, CAMERA0, CAMERA1, IMU, INFO_CAMERA, assert_same
 from ruledgraph.calibration import CalibrationError, read_calibration, write_kalibr
 from ruledgraph.calibration.sensors import D435I_LIKE, Calibration, ImuNoise
+from ruledgraph.core.errors import RuledgraphError
 
 
 @pytest.mark.parametrize(
@@ -65,3 +66,24 @@ def test_a_file_can_say_that_the_time_offset_is_exact(tmp_path):
     assert read_calibration(tmp_path / "written.yaml").time_offset_exact
     with pytest.raises(CalibrationError, match="cam0/timeshift_exact = 'maybe' must be true or"):
         read_calibration(wrong, tmp_path / "imu.yaml")
+
+
+def test_line_delay_is_read_and_written(tmp_path):
+    """Kalibr's seconds per row; without it the shutter is global, and nothing is written of it."""
+    (tmp_path / "imu.yaml").write_text(IMU)
+    (tmp_path / "rolling.yaml").write_text(CAM0 + "  line_delay: 3.0e-05\n")
+    rolling = read_calibration(tmp_path / "rolling.yaml", tmp_path / "imu.yaml")
+    assert rolling.line_delay == 3e-5
+    assert rolling.readout == pytest.approx(479 * 3e-5, rel=1e-12)
+    write_kalibr(rolling, tmp_path / "written.yaml")
+    assert_same(read_calibration(tmp_path / "written.yaml"), rolling)
+    write_kalibr(rolling.with_readout(0.0), tmp_path / "global.yaml")
+    assert "line_delay" not in (tmp_path / "global.yaml").read_text()
+    assert read_calibration(tmp_path / "global.yaml").line_delay == 0.0
+
+
+@pytest.mark.parametrize("wrong", [-1e-9, np.nan, np.inf])
+def test_a_readout_is_a_time(wrong):
+    calibration = Calibration(CAMERA0, gtsam.Pose3(), D435I_LIKE)
+    with pytest.raises(RuledgraphError, match=r"line_delay = .* s is negative or not finite"):
+        calibration.with_readout(wrong)
