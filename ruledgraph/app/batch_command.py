@@ -29,6 +29,7 @@ def batch_command(
     calibration_files: Sequence[Path],
     camera: str | None,
     imu: str | None,
+    readout: float | None,
     ground_truth: str | None,
     config_file: Path | None,
     settings: Sequence[str],
@@ -50,6 +51,7 @@ def batch_command(
         camera=camera,
         imu=imu,
         choice=choice,
+        readout=readout,
     )
     smooth_jobs(jobs, output, partial(run_all, workers=workers, scheduler=scheduler), force=force)
 

@@ -19,6 +19,7 @@ def calibration_for(
     files: Sequence[Path],
     camera: str | None,
     imu: str | None,
+    readout: float | None = None,
 ) -> Calibration:
     """The calibration of the command line's options; an ASL folder brings its own, and a bag may.
 
@@ -27,7 +28,7 @@ def calibration_for(
     """
     if files or recording.kind == "asl":
         topic = recording.image_topic.name if recording.image_topic else None
-        return calibration_of_files(files or [path], topic, camera, imu)
+        return calibration_of_files(files or [path], topic, camera, imu, readout)
     wanted = "pass --calibration FILE, such as Kalibr's camchain with T_cam_imu"
     try:
         model, body_T_cam = recorded_camera(recording)
@@ -47,19 +48,25 @@ def calibration_for(
         "warning: camera_info and /tf_static are taken for the calibration; Kalibr's is better",
         err=True,
     )
-    return Calibration(model, body_T_cam, _typical_noise(imu))
+    calibration = Calibration(model, body_T_cam, _typical_noise(imu))
+    return calibration if readout is None else calibration.with_readout(readout)
 
 
 def calibration_of_files(
-    files: Sequence[Path], image_topic: str | None, camera: str | None, imu: str | None
+    files: Sequence[Path],
+    image_topic: str | None,
+    camera: str | None,
+    imu: str | None,
+    readout: float | None = None,
 ) -> Calibration:
-    """That of files, and of `--camera` and `--imu`.
+    """That of files, and of `--camera`, `--imu` and `--readout`.
 
     Raises:
         CalibrationError: for anything missing, wrong or implausible.
     """
     noise = _typical_noise(imu) if imu else None
-    return read_calibration(*files, camera=camera, image_topic=image_topic, imu_noise=noise)
+    found = read_calibration(*files, camera=camera, image_topic=image_topic, imu_noise=noise)
+    return found if readout is None else found.with_readout(readout)
 
 
 def _typical_noise(imu: str) -> ImuNoise:

@@ -22,6 +22,7 @@ def info_command(
     calibration_files: Sequence[Path],
     camera: str | None,
     imu: str | None,
+    readout: float | None,
     as_json: bool,
     plots: Path | None,
     **choice: Any,
@@ -32,7 +33,8 @@ def info_command(
         brings_its_own = kind == "asl" and any(recording.rglob("sensor.yaml"))
         if not calibration_files and not brings_its_own:
             return None
-        return calibration_of_files(calibration_files or [recording], image_topic, camera, imu)
+        files = calibration_files or [recording]
+        return calibration_of_files(files, image_topic, camera, imu, readout)
 
     noise = TYPICAL_IMU_NOISE.get(imu or "", D435I_LIKE)
     found = inspect_recording(

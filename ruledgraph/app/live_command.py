@@ -41,6 +41,7 @@ def live_command(
     calibration_files: Sequence[Path],
     camera: str | None,
     imu: str | None,
+    readout: float | None,
     resolution: str,
     rate: int,
     duration: float | None,
@@ -59,6 +60,8 @@ def live_command(
         _check_size(calibration, width, height)
     else:
         calibration = sensors.calibration(TYPICAL_IMU_NOISE[imu or "d435i"])
+    if readout is not None:
+        calibration = calibration.with_readout(readout)
     images, samples = Refusals("image"), Refusals("IMU sample")
     with ExitStack() as stack:
         # They end from the last to the first: the streams before what they feed.

@@ -59,6 +59,7 @@ def smooth_command(
     calibration_files: Sequence[Path],
     camera: str | None,
     imu: str | None,
+    readout: float | None,
     output: Path | None,
     ground_truth: str | None,
     config_file: Path | None,
@@ -84,13 +85,14 @@ def smooth_command(
             "--ros2-bag": ros2_bag,
             "--trajectory-format": formats,
             "--config and --set": config_file or settings,
+            "--readout": readout,
         }
         if unused := next((option for option, value in given.items() if value), None):
             raise click.UsageError(f"{unused}: the paper's solver has none; leave it out")
     config = load_config(config_file, settings)
     source = open_recording(recording, **choice)
     calibration_files = [Path(filled(str(file), str(recording))) for file in calibration_files]
-    calibration = calibration_for(recording, source, calibration_files, camera, imu)
+    calibration = calibration_for(recording, source, calibration_files, camera, imu, readout)
     if time_offset is not None:
         calibration = dataclasses.replace(calibration, time_offset=time_offset)
     if ground_truth:
@@ -138,7 +140,10 @@ def smooth_command(
             solver=solver,
             ground_truth=truth,
             inputs=_inputs(
-                recording, calibration_files, ground_truth, choice | {"time_offset": time_offset}
+                recording,
+                calibration_files,
+                ground_truth,
+                choice | {"time_offset": time_offset, "readout": readout},
             ),
             causes=lambda: _causes(recording, calibration, choice),
             warnings=lambda: source.report.warnings,

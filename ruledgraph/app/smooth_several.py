@@ -23,6 +23,7 @@ def smooth_several(
     calibration_files: Sequence[Path],
     camera: str | None,
     imu: str | None,
+    readout: float | None,
     ground_truth: str | None,
     config_file: Path | None,
     settings: Sequence[str],
@@ -59,6 +60,7 @@ def smooth_several(
         imu=imu,
         choice=choice,
         time_offset=time_offset,
+        readout=readout,
         formats=formats,
         plots=plots,
     )

@@ -27,6 +27,7 @@ _SIMULATION_OPTIONS: dict[str, Callable[[str], Any]] = {
     "resolution": str,
     "imu": str,
     "imu_rate": float,
+    "readout": float,
     "moving_start": {"true": True, "false": False}.__getitem__,
 }
 
@@ -50,6 +51,8 @@ class Job:
     """Of topics and a stretch of the recording, arguments of `open_recording`."""
     time_offset: float | None = None
     """Instead of the calibration's, s."""
+    readout: float | None = None
+    """Of the rows of an image, instead of the calibration's, s."""
     formats: tuple[TrajectoryFormat, ...] = ()
     """Of the trajectories, beside TUM's."""
     plots: bool = False
@@ -95,6 +98,7 @@ def plan(
     imu: str | None,
     choice: Mapping[str, Any] | None = None,
     time_offset: float | None = None,
+    readout: float | None = None,
     formats: Sequence[TrajectoryFormat] = (),
     plots: bool = False,
 ) -> list[Job]:
@@ -113,6 +117,7 @@ def plan(
         imu: whose typical noise to take.
         choice: of topics and a stretch of each recording.
         time_offset: instead of the calibration's, s.
+        readout: of the rows of an image, likewise.
         formats: of the trajectories, beside TUM's.
         plots: whether to draw pictures.
 
@@ -140,6 +145,7 @@ def plan(
                     imu=imu,
                     choice=tuple((k, v) for k, v in (choice or {}).items() if v is not None),
                     time_offset=time_offset,
+                    readout=readout,
                     formats=tuple(formats),
                     plots=plots,
                 )

@@ -84,6 +84,9 @@ def _run(job: Job, output: Path, folder: Path) -> dict[str, Any]:
     if job.time_offset is not None:
         calibration = replace(calibration, time_offset=job.time_offset)
         inputs["time offset"] = str(job.time_offset)
+    if job.readout is not None:
+        calibration = calibration.with_readout(job.readout)
+        inputs["readout"] = str(job.readout)
     pictures = None
     if job.plots:
         from ruledgraph.visualization.plots import PlotRecorder  # which takes long to load
