@@ -129,7 +129,8 @@ class Odometry(Output):
         if segment is not None:
             # At a state it costs little time: the smoother works meanwhile.
             detect_every = segment.detection_interval - EARLY if due else None
-        found = front_end.process(frame, now.time, segments.predicted(now), detect_every)
+        predicted, rows = segments.predicted(now), segments.row_motion(now)
+        found = front_end.process(frame, now.time, predicted, detect_every, rows)
         lines = 0 if segment is None else sum(id_ in segment.window.lines for id_ in found)
         sensors.frames.append(now)
         if segment is None or segments.last_status != "still":

@@ -80,11 +80,13 @@ def search_all(
     sigmas: FloatArray,
     slopes: FloatArray,
     beyond: float,
+    bows: FloatArray | None = None,
 ) -> _Found:
     """Search n rulings: `search` of each, as the fields of `Edges` in their order, a row for each;
     ends are (n, 4), statistics (n, 9).
 
-    `gradient` is (height, width, 2), `ends` (n, 2, 2), `sigmas` (n, 2), `slopes` (n,).
+    `gradient` is (height, width, 2), `ends` (n, 2, 2), `sigmas` (n, 2), `slopes` (n,), `bows`
+    (n, 2).
     """
 
 def predict_all(

@@ -11,6 +11,7 @@ from ruledgraph.core.measurements import STAMP_JITTER, Frame
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.line_detection import Detector
 from ruledgraph.frontend.prefetch import PrefetchCache
+from ruledgraph.frontend.row_motion import RowMotion
 from ruledgraph.frontend.tracker import Tracker
 
 # No more frames than this are searched ahead, to bound the memory.
@@ -29,6 +30,7 @@ class _Search(NamedTuple):
     gradient: Gradient
     time: float
     segments: Future[FloatArray]
+    rows: RowMotion | None
 
 
 class Detection:
@@ -52,13 +54,17 @@ class Detection:
         """Whether the last search was so long before a time, both s."""
         return time - self._last >= every
 
-    def begin(self, frame: Frame, gradient: Gradient, time: float) -> None:
-        """Look for segments in a frame with its gradient, taken at `time` (s)."""
+    def begin(
+        self, frame: Frame, gradient: Gradient, time: float, rows: RowMotion | None = None
+    ) -> None:
+        """Look for segments in a frame with its gradient, taken at `time` (s); `rows` is of a
+        rolling shutter.
+        """
         self._last = time
         segments = self._prefetched.take(frame) or self._submitted(frame)
         last = self._schedule.last if self._schedule is not None else frame.stamp
         self._schedule = _Schedule(frame.stamp, frame.stamp - last)
-        self._search = _Search(frame.stamp, gradient, time, segments)
+        self._search = _Search(frame.stamp, gradient, time, segments, rows)
 
     def prefetch(self, frame: Frame) -> None:
         """Look for segments in a frame to come, if it is due by the interval of past searches.
@@ -92,7 +98,9 @@ class Detection:
             self._tracker.drop_lost()
             self._tracker.drop_duplicates()
             segments = search.segments.result()
-            self._tracker.start_new(search.stamp, search.time, segments, search.gradient)
+            self._tracker.start_new(
+                search.stamp, search.time, segments, search.gradient, search.rows
+            )
 
     def retime(self, change: float) -> None:
         """The clock of the frames was corrected by so much, s."""

@@ -49,17 +49,21 @@ class Rulings(NamedTuple):
     """(N, 2), px."""
     slopes: FloatArray
     """(N,)."""
+    bows: FloatArray | None = None
+    """(N, 2), where they are bent."""
 
     def part(self, rows: NDArray[np.bool_] | Sequence[int]) -> "Rulings":
         """Some of them."""
-        return Rulings(self.ends[rows], self.sigmas[rows], self.slopes[rows])
+        bows = None if self.bows is None else self.bows[rows]
+        return Rulings(self.ends[rows], self.sigmas[rows], self.slopes[rows], bows)
 
     def one_by_one(self) -> list[Ruling]:
         """As `search` takes them."""
+        bows = [None] * len(self.ends) if self.bows is None else list(self.bows)
         return [
-            Ruling(ends, (first, second), slope)
-            for ends, (first, second), slope in zip(
-                self.ends, self.sigmas.tolist(), self.slopes.tolist(), strict=True
+            Ruling(ends, (first, second), slope, bow)
+            for ends, (first, second), slope, bow in zip(
+                self.ends, self.sigmas.tolist(), self.slopes.tolist(), bows, strict=True
             )
         ]
 
@@ -164,7 +168,9 @@ def search_all(
         found = [search(gradient, camera, each, beyond, config) for each in rulings.one_by_one()]
         return stacked(rulings, found, config)
     known = _native_camera(camera), _native_settings(config)
-    edges = Edges(*kernel.native.search_all(gradient.xy, *known, *rulings, beyond))
+    ends, sigmas, slopes, bows = rulings
+    columns = kernel.native.search_all(gradient.xy, *known, ends, sigmas, slopes, beyond, bows)
+    edges = Edges(*columns)
     return edges._replace(
         ends=edges.ends.reshape(-1, 2, 2), statistics=edges.statistics.reshape(-1, 3, 3)
     )

@@ -30,6 +30,9 @@ class Ruling(NamedTuple):
     ends: FloatArray
     sigmas: tuple[float, float]
     slope: float
+    bow: FloatArray | None = None
+    """Of its middle from the straight line between the ends, (2,), normalised, where its image is
+    bent: a parabola, as of a rolling shutter that turns."""
 
 
 class EdgePoints(NamedTuple):
@@ -91,14 +94,18 @@ def search(
     count = int(min(length * (1.0 + 2.0 * beyond) / spacing, config.most_stations)) + 1
     along = np.linspace(-beyond, 1.0 + beyond, count)
     stations = ends[0] + along[:, None] * (ends[1] - ends[0])
+    direction = np.broadcast_to(ends[1] - ends[0], stations.shape)
+    if ruling.bow is not None:
+        stations = stations + (4.0 * along * (1.0 - along))[:, None] * ruling.bow
+        direction = direction + (4.0 - 8.0 * along)[:, None] * ruling.bow
     distorted = camera.distort(stations)
     usable = gradient.inside(distorted.pixels)
     if usable.sum() < fewest:
         return None
-    along, stations = along[usable], stations[usable]
+    along, stations, direction = along[usable], stations[usable], direction[usable]
     pixels, J = distorted.pixels[usable], distorted.jacobian[usable]
     # Across the ruling's image: perpendicular to J (ends[1] - ends[0]).
-    tangent = np.einsum("nij,j->ni", J, ends[1] - ends[0])
+    tangent = np.einsum("nij,nj->ni", J, direction)
     across = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     across *= np.sign(np.einsum("ni,nij,j->n", across, J, normal))[:, None]

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The front end: an image in, the edge points of the lines it follows out."""
 
+import sys
 from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
@@ -14,11 +15,16 @@ from ruledgraph.frontend.detection import Detection
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.line_detection import DETECTORS
 from ruledgraph.frontend.prefetch import PrefetchCache
+from ruledgraph.frontend.rolling_edges import row_moves
+from ruledgraph.frontend.row_motion import RowMotion
 from ruledgraph.frontend.ruling_prediction import CameraMotion, predict
 from ruledgraph.frontend.tracker import Tracker
 
 # Gradients, of eight times the memory of an image, are computed of so many frames ahead at most.
 _MOST_GRADIENTS = 32
+# s; the points of a rolling shutter were turned by the gyroscope of another time. By so little it
+# matters little: hands turn a camera by 10 rad/s^2, over 10 ms of rows that is 0.2 px.
+_SAME_TURN = 5e-3
 
 
 class Predicted(NamedTuple):
@@ -44,6 +50,7 @@ class FrontEnd:
         self._config = tracks
         self._timings = timings
         self._detection = Detection(self.tracker, DETECTORS[edges.detector])
+        self._is_rolling = False
         self._gradients = PrefetchCache[Gradient](_MOST_GRADIENTS)
 
     def prefetch(self, frame: Frame) -> None:
@@ -59,7 +66,12 @@ class FrontEnd:
                 self._detection.start_tracks()
 
     def process(
-        self, frame: Frame, time: float, predicted: Predicted | None, detect_every: float | None
+        self,
+        frame: Frame,
+        time: float,
+        predicted: Predicted | None,
+        detect_every: float | None,
+        rows: RowMotion | None = None,
     ) -> list[int]:
         """Search every track where it is predicted.
 
@@ -68,20 +80,25 @@ class FrontEnd:
             time: of the frame, s.
             predicted: None for the first frame.
             detect_every: new segments are looked for, too, when that was last done so long ago, s.
+            rows: the camera's motion during the image, of a rolling shutter.
 
         Returns:
             The ids of the tracks that were found.
         """
+        self._is_rolling = rows is not None
         with self._timings.measured("gradient"):
             gradient = self._gradients.take(frame) or Gradient(frame.image)
         if detect_every is not None and self._detection.is_due(time, detect_every):
-            self._detection.begin(frame, gradient, time)
+            self._detection.begin(frame, gradient, time, rows)
         if predicted is None:
             return []
         with self._timings.measured("search"):
             lines, motion = predicted.lines, predicted.motion
             rulings = predict(self.tracker.tracks, lines, motion, self._focal, self._config)
-            found = self.tracker.track(frame.stamp, time, gradient, rulings)
+            moves = None
+            if rows is not None:
+                moves = row_moves(self.tracker.tracks, rulings, lines, motion.world_T_cam, rows)
+            found = self.tracker.track(frame.stamp, time, gradient, rulings, moves)
         return [track.number for track in found]
 
     def observed(self) -> list[LineTrack]:
@@ -103,6 +120,8 @@ class FrontEnd:
 
     def retime(self, change: float) -> None:
         """The times of all frames were corrected by so much, s."""
+        if self._is_rolling and abs(change) > _SAME_TURN:
+            self.tracker.forget(sys.maxsize)
         self.tracker.retime(change)
         self._detection.retime(change)
 

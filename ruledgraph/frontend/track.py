@@ -12,6 +12,19 @@ import numpy as np
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import DEFAULTS, TracksConfig
 from ruledgraph.core.line_observations import Sighting
+from ruledgraph.frontend.row_motion import StraightPoints
+
+
+class Unsettled(NamedTuple):
+    """A rolling shutter's last sighting of a line whose motion at that time the next one tells."""
+
+    points: StraightPoints
+    normal: FloatArray
+    """Of the ruling, (2,)."""
+    moves: FloatArray
+    """By which the points were moved, (2, 2), see `MovingRulings`."""
+    first: bool
+    """Whether the moves were a guess: nothing was measured before."""
 
 
 @dataclass(eq=False)
@@ -33,6 +46,9 @@ class Track:
     misses: int = 0
     last_seen: float = 0.0
     config: TracksConfig = DEFAULTS.tracks
+    moves: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))
+    """Of a rolling shutter's last image, see `MovingRulings`."""
+    unsettled: Unsettled | None = None
 
     @property
     def lost(self) -> bool:

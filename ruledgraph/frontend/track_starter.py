@@ -13,6 +13,8 @@ from ruledgraph.core.config import EdgesConfig, TracksConfig
 from ruledgraph.frontend.duplicates import duplicates, first_of_duplicates
 from ruledgraph.frontend.edge_batch import Edges, Rulings, search_all
 from ruledgraph.frontend.gradient import Gradient
+from ruledgraph.frontend.rolling_edges import keep_unsettled, straight_edges
+from ruledgraph.frontend.row_motion import MovingRulings, RowMotion, StraightPoints
 from ruledgraph.frontend.track import Segments, Track
 
 
@@ -36,7 +38,12 @@ class TrackStarter:
         self._started = 0
 
     def start(
-        self, time: float, segments: FloatArray, gradient: Gradient, tracks: Sequence[Track]
+        self,
+        time: float,
+        segments: FloatArray,
+        gradient: Gradient,
+        tracks: Sequence[Track],
+        rows: RowMotion | None = None,
     ) -> tuple[list[Track], Edges]:
         """New tracks beside those that are followed, until there are enough.
 
@@ -45,32 +52,46 @@ class TrackStarter:
             segments: found in it, (N, 2, 2), px.
             gradient: of the frame.
             tracks: that are followed already.
+            rows: of a rolling shutter.
 
         Returns:
             The tracks and the edge points of each.
         """
         own = Segments.of(tracks)
-        candidates = self._candidates(segments, gradient, own)
-        edges = search_all(gradient, self._camera, candidates, config=self._edges)
+        candidates = self._candidates(segments, gradient, own, rows)
+        searched, moving = candidates, None
+        if rows is not None:
+            # Of the translation nothing is known yet.
+            moving = MovingRulings(rows, candidates.ends, np.zeros_like(candidates.ends))
+            bent, bows = moving.bent()
+            searched = candidates._replace(ends=bent, bows=bows)
+        edges = search_all(gradient, self._camera, searched, config=self._edges)
         # Seen well enough to be followed.
         full = (
             (edges.counts > 0)
             & (edges.deviation <= self._max_rms)
             & (edges.support >= self._config.start_support)
         )
-        edges = edges.part(full)
+        edges, points = edges.part(full), list[StraightPoints]()
+        if moving is not None:
+            moving = moving.part(full)
+            edges, points = straight_edges(edges, moving, self._edges.end_growth)
         found = Segments(edges.ends, edges.slopes)
-        edges = edges.part(~np.any(self._duplicates(found, own), axis=1))
+        new = np.flatnonzero(~np.any(self._duplicates(found, own), axis=1))
         # Two candidates may be one line as well.
-        found = Segments(edges.ends, edges.slopes)
-        kept = np.zeros(len(edges.ends), dtype=bool)
+        found = Segments(edges.ends[new], edges.slopes[new])
         wanted = self._edges.max_lines - len(tracks)
-        kept[first_of_duplicates(self._duplicates(found, found))[:wanted]] = True
+        chosen = new[first_of_duplicates(self._duplicates(found, found))[:wanted]]
+        kept = np.zeros(len(edges.ends), dtype=bool)
+        kept[chosen] = True
         edges = edges.part(kept)
-        return [
+        started = [
             self._new_track(time, ends, slope)
             for ends, slope in zip(edges.ends, edges.slopes.tolist(), strict=True)
-        ], edges
+        ]
+        if moving is not None:
+            keep_unsettled(started, [points[i] for i in np.flatnonzero(kept)], moving.part(kept))
+        return started, edges
 
     def _new_track(self, time: float, ends: FloatArray, slope: float) -> Track:
         self._started += 1
@@ -84,13 +105,18 @@ class TrackStarter:
             config=self._config,
         )
 
-    def _candidates(self, segments: FloatArray, gradient: Gradient, own: Segments) -> Rulings:
+    def _candidates(
+        self, segments: FloatArray, gradient: Gradient, own: Segments, rows: RowMotion | None
+    ) -> Rulings:
         """Segments that are long enough and not followed yet, those worth most first."""
         along = segments[:, 1] - segments[:, 0]
         segments = segments[np.hypot(along[:, 0], along[:, 1]) > self._edges.min_length]
         ends = self._camera.undistort(segments.reshape(-1, 2)).reshape(-1, 2, 2)
         seen = np.isfinite(ends).all(axis=(1, 2))
         segments, ends = segments[seen], ends[seen]
+        if rows is not None:
+            exposed = rows.row_times(ends.reshape(-1, 2))
+            ends = rows.derotated(ends.reshape(-1, 2), exposed).reshape(-1, 2, 2)
         along = segments[:, 1] - segments[:, 0]
         lengths = np.hypot(along[:, 0], along[:, 1])
         across = np.stack([-along[:, 1], along[:, 0]], axis=1) / lengths[:, None]

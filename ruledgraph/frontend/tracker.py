@@ -19,10 +19,18 @@ from ruledgraph.frontend.duplicates import duplicates, first_of_duplicates
 from ruledgraph.frontend.edge_batch import Edges, Rulings, clipped, search_all, stacked
 from ruledgraph.frontend.edge_search import normal_of
 from ruledgraph.frontend.gradient import Gradient
+from ruledgraph.frontend.rolling_edges import (
+    RowMoves,
+    capped_statistics,
+    keep_unsettled,
+    measured_moves,
+    settle,
+    straight_edges,
+)
+from ruledgraph.frontend.row_motion import RowMotion
 from ruledgraph.frontend.sobel import search_sobel, sobel_points
 from ruledgraph.frontend.track import Segments, Track
 from ruledgraph.frontend.track_starter import TrackStarter
-from ruledgraph_factors import GeometricPoints
 
 # How far past its ends an unbounded line is searched, as a share of its length: across any image.
 _UNBOUNDED = 10.0
@@ -44,14 +52,34 @@ class Tracker:
         seen = camera.undistort(rim * [camera.width - 1, camera.height - 1])
         self._low, self._high = np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)
 
-    def track(self, stamp: int, time: float, gradient: Gradient, rulings: Rulings) -> list[Track]:
+    def track(
+        self,
+        stamp: int,
+        time: float,
+        gradient: Gradient,
+        rulings: Rulings,
+        row_moves: RowMoves | None = None,
+    ) -> list[Track]:
         """Look for every track where it is predicted, a ruling for each of `tracks`; update them.
+
+        Args:
+            stamp: of the frame, ns.
+            time: of the frame, s.
+            gradient: of its image.
+            rulings: at the frame's time.
+            row_moves: of a rolling shutter.
 
         Returns:
             Those that were found.
         """
         ends, in_view = clipped(rulings.ends, self._low, self._high)
-        edges = self._search(gradient, rulings._replace(ends=ends).part(in_view))
+        rulings = rulings._replace(ends=ends).part(in_view)
+        if row_moves is not None:
+            row_moves = row_moves.part(in_view)
+            bent, bows = row_moves.along(rulings).bent()
+            edges = self._search(gradient, rulings._replace(ends=bent, bows=bows))
+        else:
+            edges = self._search(gradient, rulings)
         good = (edges.counts > 0) & ~edges.ambiguous & (edges.deviation <= self._max_rms)
         found = in_view.copy()
         found[in_view] = good
@@ -68,6 +96,10 @@ class Tracker:
                     track.mark_lost()
         if seen:
             edges = edges.part(good)
+            if row_moves is not None:
+                edges = self._straightened(
+                    time, seen, edges, rulings.part(good), row_moves.part(good)
+                )
             self._move(time, seen, edges)
             self._sight(stamp, seen, edges)
         return seen
@@ -80,12 +112,32 @@ class Tracker:
         beyond = self._config.search_beyond if self._edges.bounded else _UNBOUNDED
         return search_all(gradient, self._camera, rulings, beyond, self._edges)
 
+    def _straightened(
+        self,
+        time: float,
+        tracks: Sequence[Track],
+        edges: Edges,
+        rulings: Rulings,
+        row_moves: RowMoves,
+    ) -> Edges:
+        """What was found in a rolling shutter's image, as of the middle row's time."""
+        row_moves = measured_moves(tracks, edges, row_moves, time, self._camera.focal_length)
+        for track, moves, estimated in zip(
+            tracks, row_moves.moves, row_moves.estimated, strict=True
+        ):
+            if estimated:
+                track.unsettled = None
+            else:
+                settle(track, moves, self._edges.effective_points)
+        moving = row_moves.along(rulings)
+        edges, points = straight_edges(edges, moving, self._edges.end_growth)
+        keep_unsettled(tracks, points, moving, row_moves.estimated)
+        return edges
+
     def _sight(self, stamp: int, tracks: Sequence[Track], edges: Edges) -> None:
-        # As `GeometricPoints.from_frames` caps what a frame counts for.
-        share = np.minimum(1.0, self._edges.effective_points / edges.counts)
-        statistics = np.sqrt(share)[:, None, None] * edges.statistics
+        statistics = edges.statistics
         if tracks:
-            statistics = GeometricPoints(statistics).without_scatter().statistics
+            statistics = capped_statistics(edges.counts, statistics, self._edges.effective_points)
         for i, (track, points) in enumerate(zip(tracks, edges.points_of_each(), strict=True)):
             track.sightings.append(Sighting(stamp, points, statistics[i]))
 
@@ -156,9 +208,18 @@ class Tracker:
         few = len(moved) < min_lines
         return np.inf if few else float(np.median(moved)) * self._camera.focal_length
 
-    def start_new(self, stamp: int, time: float, segments: FloatArray, gradient: Gradient) -> None:
-        """Start tracks on segments (N, 2, 2), in px, until there are enough."""
+    def start_new(
+        self,
+        stamp: int,
+        time: float,
+        segments: FloatArray,
+        gradient: Gradient,
+        rows: RowMotion | None = None,
+    ) -> None:
+        """Start tracks on segments (N, 2, 2), in px, until there are enough; `rows` is of a rolling
+        shutter.
+        """
         if len(self.tracks) < self._edges.max_lines:
-            started, edges = self._starter.start(time, segments, gradient, self.tracks)
+            started, edges = self._starter.start(time, segments, gradient, self.tracks, rows)
             self._sight(stamp, started, edges)
             self.tracks += started

@@ -22,6 +22,29 @@ def rotation_between(imu: ImuBuffer, start: float, stop: float) -> gtsam.Rot3:
     return rotation
 
 
+def state_before(
+    imu: ImuBuffer,
+    state: gtsam.NavState,
+    bias: gtsam.imuBias.ConstantBias,
+    time: float,
+    earlier: float,
+) -> gtsam.NavState:
+    """The state some time (s) before one at `time` (s), as far back as there are samples.
+
+    R0 = R Exp(theta)^T,    v0 = v - g t - R0 dv,    p0 = p - v0 t - g t^2 / 2 - R0 dp,
+
+    with (theta, dp, dv) preintegrated over the time t between them.
+    """
+    start = max(time - earlier, imu.earliest)
+    motion = preintegrate_frames(imu.between(start, time), start, [time], bias)
+    theta, dp, dv = np.split(motion.preintegrated[0], 3)
+    t, gravity = time - start, np.array(STANDARD_GRAVITY)
+    R0 = state.attitude().compose(gtsam.Rot3.Expmap(theta).inverse())
+    v0 = state.velocity() - gravity * t - R0.matrix() @ dv
+    p0 = state.position() - v0 * t - gravity * (0.5 * t * t) - R0.matrix() @ dp
+    return gtsam.NavState(R0, p0, v0)
+
+
 class StateWithCovariance(Protocol):
     """A state at a time, s."""
 

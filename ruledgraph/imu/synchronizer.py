@@ -42,7 +42,8 @@ class Synchronizer:
         self._warnings = warnings
         self._origin: int | None = None
         self._imu_unit = StampUnit("IMU samples", CLOSEST_SAMPLES, MAX_IMU_GAP)
-        self._image_input = ImageInput(calibration.camera)
+        self._image_input = ImageInput(calibration.camera, calibration.readout)
+        self._half_readout = 0.5 * calibration.readout
         # By a known offset between the clocks frames wait longer.
         longest = config.max_frame_wait + max(calibration.time_offset, 0.0)
         self._waiting = WaitingFrames(round(longest * 1e9))
@@ -60,8 +61,11 @@ class Synchronizer:
         return (stamp - self._origin) * 1e-9
 
     def frame_time(self, frame: Frame) -> float:
-        """Of the IMU's clock, s."""
-        return self.seconds(frame.stamp) + self._calibration.time_offset + self.offset_correction
+        """Of the IMU's clock, s; of a rolling shutter that of the middle row, half the readout
+        after the stamp's.
+        """
+        first_row = self._calibration.time_offset + self.offset_correction
+        return self.seconds(frame.stamp) + first_row + self._half_readout
 
     def add_imu(self, sample: ImuSample) -> Gap | None:
         """Take in a sample, see `ImuInput.add`; a stamp in another unit is a `RuledgraphError`."""
@@ -103,7 +107,7 @@ class Synchronizer:
         frame = self._waiting.first
         if frame is None:
             return None
-        time = self.frame_time(frame)
+        time = self.frame_time(frame) + self._half_readout
         if self.imu.latest < time and self.imu.hangs_for > 0.0 and self.image_rests():
             self.imu.accept_repeats()
         if self.imu.latest < time:
@@ -143,7 +147,7 @@ class Synchronizer:
         sample or after a later frame.
         """
         seen = FrameTime(frame.stamp, self.frame_time(frame))
-        if not self.imu.covers(seen.time, seen.time):
+        if not self.imu.covers(seen.time - self._half_readout, seen.time + self._half_readout):
             if self.imu.earliest - seen.time > _UNRELATED:
                 self._warnings.once(
                     "images are behind the IMU",

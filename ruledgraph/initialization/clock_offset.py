@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The clock offset between camera and IMU, from how images turn and what the gyroscope says.
 
-An image stamped t was taken at t + tau on the IMU's clock. Between the images of a pair the camera
-turned, in its own axes, by
+An image stamped t was taken at t + tau on the IMU's clock, a rolling shutter's middle row half the
+readout later; its rays are turned by the gyroscope to that time first. Between the images of a pair
+the camera turned, in its own axes, by
 
     w(tau, b, phi) = Exp(-phi) cam_R_body (integral of the gyroscope over [t1 + tau, t2 + tau]
                                            - b (t2 - t1)),
@@ -41,7 +42,8 @@ _FEWEST_FREE = 20
 # which the best of twenty that are all equally wrong seldom reaches.
 _BEYOND, _BEATEN = 6.0, 30.0
 # What one offset for all rows and images leaves out, s: stamps scatter, and the rows of a rolling
-# shutter are read over 10 to 30 ms, which has a standard deviation of 3 to 9 ms.
+# shutter that the calibration says nothing of are read over 10 to 30 ms, which has a standard
+# deviation of 3 to 9 ms.
 _UNMODELLED = 5e-3
 
 
@@ -79,6 +81,7 @@ class ClockOffsetFinder:
 
     def add_image(self, time: float, image: NDArray[np.uint8]) -> None:
         """The next image, with its stamp in s."""
+        time += 0.5 * self._calibration.readout  # of the middle row
         if self._before is not None:
             before, last = self._before
             if time - before < _APART:

@@ -16,6 +16,7 @@ from ruledgraph.initialization.image_rotation import (
     epipolar_error,
     rotation_evidence,
 )
+from ruledgraph.initialization.row_delays import at_middle_row, gyroscope_angles
 from ruledgraph_factors import ImuSamples
 
 PARAMETERS = 7
@@ -29,9 +30,7 @@ _STEPS = 2
 
 def body_rotations(pairs: PointPairs, samples: ImuSamples, offset: float) -> FloatArray:
     """What the gyroscope says of the body's rotations between the images of pairs, (P, 3), rad."""
-    times, rates = np.asarray(samples.times), samples.gyroscope
-    angles = np.zeros_like(rates)
-    angles[1:] = np.cumsum(0.5 * (rates[1:] + rates[:-1]) * np.diff(times)[:, None], axis=0)
+    times, angles = np.asarray(samples.times), gyroscope_angles(samples)
     ends = [
         np.stack([np.interp(t + offset, times, angle) for angle in angles.T], axis=1)
         for t in pairs.times.T
@@ -84,7 +83,7 @@ class RotationFit:
         calibration: Calibration,
         bias_sigma: float,
     ) -> None:
-        self._pairs, self._samples = pairs, samples
+        self._pairs, self._samples, self._calibration = pairs, samples, calibration
         self._cam_R_body = calibration.body_T_cam.rotation().matrix().T
         self._focal = calibration.camera.focal_length
         self._lengths = np.diff(pairs.times, axis=1)
@@ -99,7 +98,14 @@ class RotationFit:
 
     def evidence(self, parameters: FloatArray) -> RotationEvidence:
         """Of the pairs at the rotations of these parameters."""
-        return rotation_evidence(self._pairs, self.rotations(parameters), self._focal)
+        pairs = self._pairs_at(float(parameters[0]))
+        return rotation_evidence(pairs, self.rotations(parameters), self._focal)
+
+    def _pairs_at(self, offset: float) -> PointPairs:
+        """As a global shutter would have seen them, if this is the offset, s."""
+        if not self._calibration.readout:
+            return self._pairs
+        return at_middle_row(self._pairs, self._samples, self._calibration, offset)
 
     def best_at(self, offset: float) -> FloatArray:
         """The parameters with this offset and the best bias and mounting."""
@@ -120,7 +126,8 @@ class RotationFit:
 
     def error(self, parameters: FloatArray) -> float:
         """How far points miss the gyroscope's rotations, see `epipolar_error`, px."""
-        return epipolar_error(self._pairs, self.rotations(parameters), self._focal)
+        pairs = self._pairs_at(float(parameters[0]))
+        return epipolar_error(pairs, self.rotations(parameters), self._focal)
 
     def linearized(self, parameters: FloatArray) -> LinearFit:
         """About these parameters."""
@@ -134,5 +141,5 @@ class RotationFit:
         o = np.zeros_like(x)
         by_mounting = np.array([[o, -z, y], [z, o, -x], [-y, x, o]]).transpose(2, 0, 1)
         J = np.concatenate([by_offset[..., None], by_bias, by_mounting], axis=2)
-        evidence = rotation_evidence(self._pairs, rotations, self._focal)
+        evidence = self.evidence(parameters)
         return LinearFit(parameters, evidence, J, self._prior)

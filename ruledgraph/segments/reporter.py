@@ -19,7 +19,7 @@ from ruledgraph.core.output import Output
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.frame_history import FrameTime
-from ruledgraph.imu.propagation import propagated_covariances
+from ruledgraph.imu.propagation import propagated_covariances, state_before
 from ruledgraph.integrity.monitor import IntegrityMonitor
 
 
@@ -39,6 +39,8 @@ class EstimateReporter:
         monitor: of its integrity.
         imu: samples that cover the window.
         noise: of the IMU.
+        half_readout: how much later than its stamp a frame's time is, s: that of the middle row.
+            Estimates are of the stamp.
         lines: settings of their ends.
         hold: keep everything back until `release`.
     """
@@ -50,6 +52,7 @@ class EstimateReporter:
         monitor: IntegrityMonitor,
         imu: ImuBuffer,
         noise: ImuNoise,
+        half_readout: float,
         lines: LinesConfig,
         hold: bool,
     ) -> None:
@@ -58,6 +61,7 @@ class EstimateReporter:
         self._monitor = monitor
         self._imu = imu
         self._noise = noise
+        self._half_readout = half_readout
         self._extent_outliers = lines.extent_outliers
         self._live_by_stamp: dict[int, Estimate] = {}
         self._held = Output() if hold else None
@@ -90,7 +94,8 @@ class EstimateReporter:
         time_offset: TimeOffset,
     ) -> Estimate:
         """The estimate of the latest frame, whose state has these covariances."""
-        node, pose, velocity = window.newest, state.pose(), state.velocity()
+        node = window.newest
+        pose, velocity = self._at_stamp(state, node.bias, frame.time)
         estimate = Estimate(
             stamp=frame.stamp,
             world_T_body=pose,
@@ -121,8 +126,8 @@ class EstimateReporter:
         otherwise: Status = "degraded" if self._monitor.disagree else "tracking"
         frames = self._states(interval)
         if node.index == 0:
-            first = node.state.pose(), node.state.velocity(), node.covariance
-            frames = [_FrameState(window.first_stamp, *first), *frames]
+            first = self._at_stamp(node.state, node.bias, node.time)
+            frames = [_FrameState(window.first_stamp, *first, node.covariance), *frames]
         for stamp, pose, velocity, covariance in frames:
             live = self._live_by_stamp.pop(stamp, None)
             yield Estimate(
@@ -156,7 +161,29 @@ class EstimateReporter:
         covariances = propagated_covariances(node, motion, self._imu, self._noise)
         velocities = motion.velocities(node.state, node.bias)
         states = zip(interval.stamps, interval.poses(), velocities, covariances, strict=True)
-        return [_FrameState(*state) for state in states][int(interval.repeats_frame) :]
+        found = [_FrameState(*state) for state in states]
+        if self._half_readout:
+            times = node.time + motion.elapsed + interval.residual_offset
+            found = [
+                self._moved_to_stamp(frame, node.bias, time)
+                for frame, time in zip(found, times.tolist(), strict=True)
+            ]
+        return found[int(interval.repeats_frame) :]
+
+    def _moved_to_stamp(
+        self, frame: _FrameState, bias: gtsam.imuBias.ConstantBias, time: float
+    ) -> _FrameState:
+        state = gtsam.NavState(frame.pose, frame.velocity)
+        pose, velocity = self._at_stamp(state, bias, time)
+        return frame._replace(pose=pose, velocity=velocity)
+
+    def _at_stamp(
+        self, state: gtsam.NavState, bias: gtsam.imuBias.ConstantBias, time: float
+    ) -> tuple[gtsam.Pose3, FloatArray]:
+        """Pose and velocity at a frame's stamp, from the state at its time, s."""
+        if self._half_readout:
+            state = state_before(self._imu, state, bias, time, self._half_readout)
+        return state.pose(), state.velocity()
 
     def lines(self, landmarks: Iterable[Landmark]) -> None:
         """Lines that left the window."""

@@ -58,6 +58,7 @@ class TrajectorySegment:
             self.monitor,
             imu,
             noise,
+            0.5 * calibration.readout,
             config.lines,
             hold=not self.confirmed,
         )

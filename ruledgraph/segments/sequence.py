@@ -2,11 +2,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Trajectory segments: each begins with a start and ends with a failure or a gap."""
 
+import gtsam
+
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Status
 from ruledgraph.core.measurements import Gap
 from ruledgraph.frontend.front_end import Predicted
+from ruledgraph.frontend.row_motion import RowMotion
 from ruledgraph.frontend.ruling_prediction import CameraMotion
 from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.imu.propagation import rotation_between
@@ -14,8 +17,11 @@ from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.initializer import Initializer
 from ruledgraph.initialization.trial import Trial
 from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState, continued
+from ruledgraph.segments.rows import row_motion
 from ruledgraph.segments.segment import TrajectorySegment
 from ruledgraph.segments.stages import Stages
+
+_NO_BIAS = gtsam.imuBias.ConstantBias()
 
 
 class SegmentSequence:
@@ -73,6 +79,14 @@ class SegmentSequence:
         R = world_T_cam.between(world_T_before).rotation().matrix()
         motion = CameraMotion(R, elapsed, world_T_before, world_T_cam)
         return Predicted(motion, self.current.predicted_lines(now.time))
+
+    def row_motion(self, now: FrameTime) -> RowMotion | None:
+        """The camera's motion during the frame, where `predicted` it; None of a global shutter."""
+        if not self._calibration.readout:
+            return None
+        imu, segment = self._stages.sensors.imu, self.current
+        known = (None, _NO_BIAS) if segment is None else (segment.state, segment.window.newest.bias)
+        return row_motion(self._calibration, imu, now.time, *known)
 
     # -- beginning -------------------------------------------------------------------------------
 

@@ -35,6 +35,7 @@ struct Ruling {
   Point first, second;
   double sigma_first, sigma_second;
   double slope;
+  Point bow{0.0, 0.0};  ///< of its middle from the straight line, where it is bent: a parabola
 };
 
 /// y = a + b x.
@@ -108,15 +109,21 @@ inline std::vector<Station> stations(const GradientView& gradient, const Camera&
       static_cast<int>(std::min(length * (1.0 + 2.0 * beyond) / settings.station_distance_px,
                                 static_cast<double>(settings.most_stations)));
   const double step = (1.0 + beyond + beyond) / last;
+  const bool bent = ruling.bow.x != 0.0 || ruling.bow.y != 0.0;
   std::vector<Station> found;
   for (int i = 0; i <= last; ++i) {
     const double along = i == last ? 1.0 + beyond : i * step - beyond;
-    const Point normalised = ruling.first + along * segment;
+    Point normalised = ruling.first + along * segment;
+    Point direction = segment;
+    if (bent) {
+      normalised = normalised + (4.0 * along * (1.0 - along)) * ruling.bow;
+      direction = direction + (4.0 - 8.0 * along) * ruling.bow;
+    }
     const Distorted distorted = camera.distort(normalised);
     if (!gradient.inside(distorted.pixel)) continue;
     // Across the ruling's image: perpendicular to J (second - first).
     const Matrix2& J = distorted.jacobian;
-    const Point tangent = J * segment;
+    const Point tangent = J * direction;
     const double size = norm(tangent);
     Point across{-tangent.y / size, tangent.x / size};
     const Point turned = J * normal;

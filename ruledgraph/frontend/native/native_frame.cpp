@@ -6,6 +6,7 @@
 #include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
@@ -107,10 +108,11 @@ void write_gradient(Rows<std::uint8_t, -1, -1> image,
 
 nb::tuple search_all(Rows<float, -1, -1, 2> gradient, const Camera& camera,
                      const NativeSettings& settings, Rows<double, -1, 2, 2> ends,
-                     Rows<double, -1, 2> sigmas, Rows<double, -1> slopes, double beyond) {
+                     Rows<double, -1, 2> sigmas, Rows<double, -1> slopes, double beyond,
+                     const std::optional<Rows<double, -1, 2>>& bows) {
   const std::size_t count = ends.shape(0);
-  require(sigmas.shape(0) == count && slopes.shape(0) == count,
-          "ends, sigmas and slopes differ in length");
+  require(sigmas.shape(0) == count && slopes.shape(0) == count && (!bows || bows->shape(0) == count),
+          "ends, sigmas, slopes and bows differ in length");
   const GradientView view{gradient.data(), static_cast<int>(gradient.shape(1)),
                           static_cast<int>(gradient.shape(0)), settings.border_px};
   const auto rows = static_cast<Index>(count);
@@ -128,9 +130,16 @@ nb::tuple search_all(Rows<float, -1, -1, 2> gradient, const Camera& camera,
       const double* end = ends.data() + 4 * i;
       const double* sigma = sigmas.data() + 2 * i;
       require(is_width(sigma[0]) && is_width(sigma[1]), "a sigma is not from 0 to 1000 px");
-      const std::optional<EdgePoints> found = search(
-          view, camera, {{end[0], end[1]}, {end[2], end[3]}, sigma[0], sigma[1], slopes.data()[i]},
-          beyond, settings.search);
+      const double* bow = bows ? bows->data() + 2 * i : nullptr;
+      const std::optional<EdgePoints> found =
+          search(view, camera,
+                 {{end[0], end[1]},
+                  {end[2], end[3]},
+                  sigma[0],
+                  sigma[1],
+                  slopes.data()[i],
+                  bow ? Point{bow[0], bow[1]} : Point{0.0, 0.0}},
+                 beyond, settings.search);
       if (!found) continue;
       points.insert(points.end(), found->points.begin(), found->points.end());
       counts[i] = static_cast<Index>(found->points.size());
@@ -230,7 +239,8 @@ NB_MODULE(_native_frame, module) {
   module.def("gradient", &write_gradient, nb::arg("image"), nb::arg("xy").noconvert(),
              nb::arg("blur"));
   module.def("search_all", &search_all, nb::arg("gradient"), nb::arg("camera"), nb::arg("settings"),
-             nb::arg("ends"), nb::arg("sigmas"), nb::arg("slopes"), nb::arg("beyond"));
+             nb::arg("ends"), nb::arg("sigmas"), nb::arg("slopes"), nb::arg("beyond"),
+             nb::arg("bows") = nb::none());
   module.def("predict_all", &predict_all, nb::arg("plucker"), nb::arg("by_delta"),
              nb::arg("covariances"), nb::arg("seen"), nb::arg("floors"), nb::arg("world_T_before"),
              nb::arg("world_T_cam"), nb::arg("ends"), nb::arg("sigmas"), nb::arg("focal"),

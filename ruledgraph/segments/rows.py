@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""How the camera moves while a rolling shutter reads an image, by the IMU and the estimate."""
+
+import gtsam
+import numpy as np
+
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.frontend.row_motion import RowMotion
+from ruledgraph.imu.buffer import ImuBuffer
+from ruledgraph.imu.propagation import state_before
+from ruledgraph_factors import preintegrate_frames
+
+# Of the grid of rows, the middle one among them. Of a readout of 30 ms they are 4 ms apart, about
+# as IMU samples are.
+_ROWS = 9
+
+
+def row_motion(
+    calibration: Calibration,
+    imu: ImuBuffer,
+    time: float,
+    state: gtsam.NavState | None,
+    bias: gtsam.imuBias.ConstantBias,
+) -> RowMotion:
+    """The camera's motion about the middle row.
+
+    Args:
+        calibration: with a readout.
+        imu: samples from the first row's time to the last's.
+        time: of the middle row, s.
+        state: of the body at that time; None before a start, when only the rotation is known.
+        bias: of the IMU.
+    """
+    half = 0.5 * calibration.readout
+    times = np.linspace(-half, half, _ROWS)
+    at = time + times
+    first = gtsam.NavState() if state is None else state_before(imu, state, bias, time, half)
+    motion = preintegrate_frames(imu.between(at[0], at[-1]), at[0], at, bias)
+    cameras = [pose.compose(calibration.body_T_cam) for pose in motion.poses(first, bias)]
+    middle = cameras[_ROWS // 2]
+    relative = [middle.between(camera) for camera in cameras]
+    return RowMotion(
+        camera=calibration.camera,
+        line_delay=calibration.line_delay,
+        times=times,
+        turns=np.array([gtsam.Rot3.Logmap(pose.rotation()) for pose in relative]),
+        positions=None if state is None else np.array([p.translation() for p in relative]),
+    )
