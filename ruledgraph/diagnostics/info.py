@@ -24,6 +24,7 @@ from ruledgraph.diagnostics.checks import (
     examine_camera_info,
 )
 from ruledgraph.diagnostics.extrinsics_check import examine_turning
+from ruledgraph.diagnostics.readout_check import examine_readout
 from ruledgraph.diagnostics.timing_plot import draw_timing
 from ruledgraph.recording.container import Container, RawMessage, Topic
 from ruledgraph.recording.errors import RecordingError
@@ -193,6 +194,7 @@ def inspect_recording(
             info.findings += turning(own)
     if calibration is not None:
         info.findings += examine_calibration(calibration, info.image_size)
+        info.findings += examine_readout(calibration, seen.times(seen.frame_stamps))
         told = container.camera_info(camera) if camera is not None else None
         if told is not None:
             info.findings += examine_camera_info(calibration.camera, told)

@@ -43,7 +43,6 @@ class Synchronizer:
         self._origin: int | None = None
         self._imu_unit = StampUnit("IMU samples", CLOSEST_SAMPLES, MAX_IMU_GAP)
         self._image_input = ImageInput(calibration.camera, calibration.readout)
-        self._half_readout = 0.5 * calibration.readout
         # By a known offset between the clocks frames wait longer.
         longest = config.max_frame_wait + max(calibration.time_offset, 0.0)
         self._waiting = WaitingFrames(round(longest * 1e9))
@@ -53,6 +52,10 @@ class Synchronizer:
     def imu(self) -> ImuBuffer:
         """The latest samples."""
         return self._imu_input.buffer
+
+    @property
+    def _half_readout(self) -> float:
+        return 0.5 * self._calibration.readout
 
     def seconds(self, stamp: int) -> float:
         """Time of a stamp of the IMU's clock: since the first one."""

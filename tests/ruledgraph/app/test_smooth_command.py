@@ -285,3 +285,32 @@ def test_the_time_offset_can_be_given(recording, tmp_path):
     assert summary["inputs"]["time offset"] == "-0.012"
     assert summary["time_offset"]["s"] == summary["time_offset"]["given_s"] == -0.012
     assert not summary["time_offset"]["estimated"]
+
+
+def test_the_readout_can_be_given(recording, tmp_path):
+    arguments = ("--calibration", recording / "calib.yaml", "--duration", 1.0, "--readout", 0.01)
+    result = smooth(recording / "small.bag", *arguments, "--output", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["inputs"]["readout"] == "0.01"
+
+
+@pytest.mark.parametrize(
+    ("readout", "message"),
+    [
+        ("-0.01", "-0.01 is not in the range 0.0<=x<=1.0"),
+        ("20", "20.0 is not in the range 0.0<=x<=1.0"),
+        ("nan", "ruledgraph: line_delay = nan s is negative or not finite"),
+        (
+            "0.05",
+            "ruledgraph: images come 33.3 ms apart, but the rows of one are read within 50.0 ms: "
+            "check line_delay (s per row) or --readout (s)",
+        ),
+    ],
+)
+def test_a_readout_that_cannot_be_is_refused(recording, tmp_path, readout, message):
+    arguments = ("--calibration", recording / "calib.yaml", "--readout", readout)
+    result = smooth(recording / "small.bag", *arguments, "--output", tmp_path / "out")
+    assert result.exit_code == 2, result.output
+    assert message in result.output
+    assert "Traceback" not in result.output

@@ -19,6 +19,7 @@ from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.diagnostics.checks import Observations, examine, examine_calibration, rests
 from ruledgraph.diagnostics.extrinsics_check import examine_turning
 from ruledgraph.diagnostics.info import inspect_recording
+from ruledgraph.diagnostics.readout_check import examine_readout
 from ruledgraph.recording import write_recording
 from small_simulation import SMALL, small_stream
 
@@ -164,6 +165,15 @@ def test_rest_is_told_from_motion():
 def test_few_measurements_are_not_judged():
     assert list(examine(Observations())) == []
     assert list(examine(observed(np.arange(10) / RATE, np.zeros((10, 6)), []))) == []
+
+
+def test_a_readout_has_to_fit_between_the_frames():
+    times = np.arange(30) / 30.0
+    assert list(examine_readout(SMALL, times)) == []
+    (good,) = examine_readout(SMALL.with_readout(0.02), times)
+    assert (good.good, good.text) == (True, "a rolling shutter: rows are read within 20.0 ms")
+    (wrong,) = bad(examine_readout(SMALL.with_readout(0.05), times))
+    assert wrong.startswith("rows are read within 50.0 ms, but frames are 33.3 ms apart;")
 
 
 CAMERA = CameraModel(640, 480, 385.0, 385.0, 320.0, 240.0)

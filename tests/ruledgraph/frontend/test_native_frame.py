@@ -135,6 +135,47 @@ def test_kernels_find_the_same_points(camera, beyond, monkeypatch):
 
 
 @needs_native
+@pytest.mark.parametrize("camera", CAMERAS[:2], ids=lambda c: c.distortion)
+def test_kernels_bend_rulings_alike(camera, monkeypatch):
+    found = changed = 0
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        image = clutter(rng, camera)
+        rulings = random_rulings(rng, camera, image)
+        bows = rng.normal(scale=2.0 / camera.fx, size=(len(rulings.ends), 2))
+        native, numpy = by_both(monkeypatch, camera, image, rulings._replace(bows=bows), 0.06)
+        assert_same(native, numpy)
+        found += np.count_nonzero(numpy.counts)
+        changed += not np.array_equal(
+            numpy.counts, search_all(Gradient(image), camera, rulings, 0.06).counts
+        )
+    assert found > 20
+    assert changed > 3
+
+
+def test_a_bent_edge_is_found_along_its_parabola() -> None:
+    """Bowed by 3 px over 160: straight on too few of its points are within 0.7 px of a line."""
+    camera, rows = CAMERAS[0], np.arange(240)
+    s = (rows - 40) / 160.0
+    edge = 150.0 + 12.0 * s * (1.0 - s)
+    columns = np.arange(320)
+    image = np.clip(120.0 + 60.0 * (columns[None] - edge[:, None]), 60, 180).astype(np.uint8)
+    ends = camera.undistort([[150.0, 40.0], [150.0, 200.0]])
+    straight = rulings_of((ends, 2.0, -60.0))
+    bent = straight._replace(bows=np.array([[3.0 / camera.fx, 0.0]]))
+    edges = search_all(Gradient(image), camera, bent)
+    assert edges.support[0] > 0.95
+    assert edges.deviation[0] < 0.05
+    np.testing.assert_allclose(edges.lines[0], 0.0, atol=0.1)
+    pixels = camera.distort(edges.points).pixels
+    np.testing.assert_allclose(
+        pixels[:, 0], np.interp(pixels[:, 1], rows, edge), rtol=0.0, atol=0.05
+    )
+    found = search_all(Gradient(image), camera, straight)
+    assert found.counts[0] < 0.7 * edges.counts[0]
+
+
+@needs_native
 @pytest.mark.parametrize("name", SEARCH_SETTINGS)
 def test_kernels_take_the_same_settings(name, monkeypatch):
     """Each changes what is found, and for both alike."""

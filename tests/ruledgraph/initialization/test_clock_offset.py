@@ -13,6 +13,7 @@ from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.initialization.clock_offset import ClockOffsetFinder, covered, fit_offset
 from ruledgraph.initialization.image_rotation import PointPairs
 from ruledgraph.initialization.mounting_check import check_mounting
+from ruledgraph.initialization.row_delays import at_middle_row
 from ruledgraph.simulation import D435I
 from ruledgraph_factors import ImuSamples
 
@@ -138,3 +139,41 @@ def test_too_few_images_tell_nothing():
     for i in range(4):
         finder.add_image(0.2 + 0.05 * i, rng.integers(0, 255, size, dtype=np.uint8))
     assert finder.find(samples) is None
+
+
+def test_rays_of_a_rolling_shutter_are_turned_to_the_middle_row():
+    """Points of a turning camera, each seen at its row's time, against those of a global shutter.
+
+    The gyroscope's rate changes linearly between samples, as the trapezoidal rule takes it.
+    """
+    rolling = D435I.with_readout(0.03)
+    times, offset = np.arange(0.0, 1.0, 0.005), 0.02
+    rate = np.array([1.5, -2.0, 2.5])
+    samples = ImuSamples(times, np.tile(rate, (len(times), 1)), np.zeros((len(times), 3)))
+    body_R_cam = rolling.body_T_cam.rotation().matrix()
+    rng = np.random.default_rng(0)
+    scene = np.column_stack([rng.uniform([-0.5, -0.4], [0.5, 0.4], (20, 2)), np.ones(20)])
+    scene /= np.linalg.norm(scene, axis=1, keepdims=True)
+
+    def seen(t: float) -> np.ndarray:
+        """From the world, which is the camera at 0.4 s."""
+        world_R_cam = body_R_cam.T @ gtsam.Rot3.Expmap(rate * (t - 0.4)).matrix() @ body_R_cam
+        return scene @ world_R_cam
+
+    def rolled(middle: float) -> np.ndarray:
+        exposed = np.full(20, middle)
+        for _ in range(20):
+            rays = np.array([seen(t)[i] for i, t in enumerate(exposed)])
+            rows = rolling.camera.project(rays)[:, 1]
+            exposed = middle + rows * rolling.line_delay - 0.5 * rolling.readout
+        return rays
+
+    stamps = np.array([[0.36, 0.41]])  # of the middle rows, on the camera's clock
+    middles = stamps[0] + offset
+    pairs = PointPairs(stamps, *(rolled(t)[None] for t in middles))
+    straight = at_middle_row(pairs, samples, rolling, offset)
+    for rays, raw, t in zip(straight[1:], pairs[1:], middles, strict=True):
+        np.testing.assert_allclose(rays[0], seen(t), rtol=0.0, atol=1e-9)
+        assert np.abs(raw[0] - seen(t)).max() > 5.0 / 385.0  # px
+    missing = PointPairs(stamps, *(np.zeros((1, 20, 3)) for _ in range(2)))
+    assert not np.any(at_middle_row(missing, samples, rolling, offset).before)

@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The odometry with a rolling shutter's images."""
+
+from dataclasses import replace
+from functools import cache
+
+import gtsam
+import numpy as np
+import pytest
+
+from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.measurements import Frame, Measurement
+from ruledgraph.imu.buffer import ImuBuffer
+from ruledgraph.imu.propagation import state_before
+from ruledgraph.segments.rows import row_motion
+from ruledgraph.simulation import Simulation, make_scene, simulate
+from small_runs import ate, run
+from small_simulation import SMALL
+
+READOUT = 0.025
+
+
+@cache
+def recorded(readout: float, moving: bool) -> tuple[Simulation, tuple[Measurement, ...]]:
+    """Hand-held before a cluttered wall, 30 frames a second."""
+    simulation = simulate(
+        "noncoplanar_cluttered",
+        "free",
+        calibration=SMALL.with_readout(readout),
+        rate=30.0,
+        duration=4.5,
+        moving_start=moving,
+        seed=1,
+    )
+    return simulation, tuple(simulation.stream())
+
+
+@cache
+def estimates(readout: float, known: float, moving: bool) -> tuple[list[Estimate], list[Estimate]]:
+    """Live and smoothed, of a readout, when another one is given."""
+    simulation, stream = recorded(readout, moving)
+    _, live, smoothed = run(stream, simulation.calibration.with_readout(known))
+    return live, smoothed
+
+
+@pytest.mark.parametrize("moving", [False, True], ids=["from rest", "in motion"])
+def test_a_known_readout_costs_no_accuracy(moving: bool) -> None:
+    """Poses are those at the stamps, which are the first rows': in the simulation's truth, too."""
+    simulation, _ = recorded(READOUT, moving)
+    live, smoothed = estimates(READOUT, READOUT, moving)
+    plain_live, plain_smoothed = estimates(0.0, 0.0, moving)
+    assert len(live) > 0.95 * len(plain_live)
+    # As a global shutter's: by half more, and 0.3 mm, two seeds of one motion differ anyway.
+    assert ate(live, simulation) < 1.5 * ate(plain_live, simulation) + 0.3e-3
+    assert ate(smoothed, simulation) < 1.5 * ate(plain_smoothed, simulation) + 0.3e-3
+    assert not any(estimate.status == "degraded" for estimate in live)
+    # Ignored it costs several times the error: 3 and 6 times here.
+    ignored, _ = estimates(READOUT, 0.0, moving)
+    assert len(ignored) < 10 or ate(ignored, simulation) > 2.0 * ate(live, simulation)
+
+
+def test_poses_and_velocities_are_of_the_stamps() -> None:
+    """Not of the middle row, 12.5 ms later: at 0.5 m/s that is 6 mm along the way."""
+    simulation, _ = recorded(READOUT, False)
+    for own in estimates(READOUT, READOUT, False):
+        moving = [e for e in own if np.linalg.norm(e.velocity) > 0.2]
+        stamps = np.array([e.stamp for e in moving])
+        velocities = np.array([e.velocity for e in moving])
+        errors = {}
+        for shift in (0, 12_500_000):
+            truth = simulation.truth(stamps + shift)
+            # Both worlds have z upwards; speeds do not depend on the heading.
+            speeds = [np.linalg.norm(v, axis=1) for v in (velocities, truth.velocity)]
+            errors[shift] = np.sqrt(np.mean((speeds[0] - speeds[1]) ** 2))
+        assert errors[0] < 0.5 * errors[12_500_000]
+
+
+def filled(simulation: Simulation) -> ImuBuffer:
+    imu = ImuBuffer()
+    for sample in simulation.imu.samples():
+        imu.append((sample.stamp - simulation.epoch) * 1e-9, sample.gyroscope, sample.accelerometer)
+    return imu
+
+
+def ideal() -> tuple[Simulation, ImuBuffer]:
+    scene = make_scene("square", 0)
+    simulation = simulate(
+        scene, "free", calibration=SMALL.with_readout(0.03), rate=30.0, imu=None, imu_rate=1000.0
+    )
+    return simulation, filled(simulation)
+
+
+def true_state(simulation: Simulation, time: float) -> gtsam.NavState:
+    motion = simulation.motion
+    return gtsam.NavState(motion.pose(time), motion.velocity(time))
+
+
+def test_row_motion_is_that_of_the_true_camera() -> None:
+    simulation, imu = ideal()
+    calibration, bias = simulation.calibration, gtsam.imuBias.ConstantBias()
+    time = 3.21
+    rows = row_motion(calibration, imu, time, true_state(simulation, time), bias)
+    middle = simulation.motion.pose(time) * calibration.body_T_cam
+    for t, turn, position in zip(rows.times, rows.turns, rows.positions, strict=True):
+        true = middle.between(simulation.motion.pose(time + t) * calibration.body_T_cam)
+        np.testing.assert_allclose(turn, gtsam.Rot3.Logmap(true.rotation()), atol=1e-6)
+        np.testing.assert_allclose(position, true.translation(), atol=1e-6)
+    assert rows.times[[0, -1]] == pytest.approx([-0.015, 0.015])
+    # Before a start the gyroscope alone.
+    blind = row_motion(calibration, imu, time, None, bias)
+    assert blind.positions is None
+    np.testing.assert_allclose(blind.turns, rows.turns, atol=1e-9)
+
+
+def test_a_state_is_carried_back() -> None:
+    simulation, imu = ideal()
+    found = state_before(imu, true_state(simulation, 4.0), gtsam.imuBias.ConstantBias(), 4.0, 0.015)
+    true = true_state(simulation, 3.985)
+    assert found.pose().equals(true.pose(), 1e-6)
+    np.testing.assert_allclose(found.velocity(), true.velocity(), atol=1e-5)
+
+
+def test_images_faster_than_their_readout_are_refused() -> None:
+    _, stream = recorded(0.0, False)
+    calibration = SMALL.with_readout(0.04)
+    with pytest.raises(RuledgraphError, match=r"33.3 ms apart, but the rows .* within 40.0 ms"):
+        run(stream, calibration)
+    # A few that come early are no reason: 20 ms, once in a while.
+    frames = [m for m in stream if isinstance(m, Frame)]
+    early = {f.stamp: replace(f, stamp=f.stamp - 13_000_000) for f in frames[5:40:5]}
+    jittery = [early.get(m.stamp, m) if isinstance(m, Frame) else m for m in stream]
+    jittery.sort(key=lambda m: m.stamp)
+    run(jittery[:400], SMALL.with_readout(0.03))
