@@ -13,6 +13,7 @@ from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import StartConfig
 from ruledgraph.core.measurements import Frame, ImuSample, Measurement
 from ruledgraph.diagnostics.checks import Finding
+from ruledgraph.diagnostics.readout_check import compare_readout
 from ruledgraph.initialization.clock_offset import ClockOffsetFinder, covered, fit_offset
 from ruledgraph.initialization.mounting_check import check_mounting
 from ruledgraph_factors import ImuSamples
@@ -57,6 +58,7 @@ def examine_turning(
         yield Finding(False, mounting.text)
         return
     yield Finding(True, f"the images turn as the gyroscope says, to {mounting.error:.2g} px")
+    yield from compare_readout(pairs, samples, calibration, bias_sigma)
     found = fit_offset(pairs, samples, calibration, bias_sigma)
     if found is None:
         return

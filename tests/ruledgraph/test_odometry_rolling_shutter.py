@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The odometry with a rolling shutter's images."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -12,6 +13,7 @@ import pytest
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Measurement
+from ruledgraph.diagnostics.extrinsics_check import examine_turning
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.propagation import state_before
 from ruledgraph.segments.rows import row_motion
@@ -133,3 +135,19 @@ def test_images_faster_than_their_readout_are_refused() -> None:
     jittery = [early.get(m.stamp, m) if isinstance(m, Frame) else m for m in stream]
     jittery.sort(key=lambda m: m.stamp)
     run(jittery[:400], SMALL.with_readout(0.03))
+
+
+def test_info_notices_another_readout_than_the_calibrations() -> None:
+    """By how images and gyroscope turn; before one wall it is good to some 8 ms."""
+
+    def told(readout: float, given: float) -> list[float]:
+        simulation, stream = recorded(readout, False)
+        findings = examine_turning(stream, simulation.calibration.with_readout(given))
+        texts = [re.search(r"rows read within (\d+) ms", finding.text) for finding in findings]
+        return [float(found[1]) for found in texts if found]
+
+    (estimated,) = told(READOUT, 0.0)
+    assert estimated == pytest.approx(1e3 * READOUT, abs=8.0)
+    assert told(READOUT, READOUT) == told(0.0, 0.0) == []
+    (too_much,) = told(0.0, READOUT)
+    assert too_much < 8.0
