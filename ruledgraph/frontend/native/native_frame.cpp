@@ -111,8 +111,9 @@ nb::tuple search_all(Rows<float, -1, -1, 2> gradient, const Camera& camera,
                      Rows<double, -1, 2> sigmas, Rows<double, -1> slopes, double beyond,
                      const std::optional<Rows<double, -1, 2>>& bows) {
   const std::size_t count = ends.shape(0);
-  require(sigmas.shape(0) == count && slopes.shape(0) == count && (!bows || bows->shape(0) == count),
-          "ends, sigmas, slopes and bows differ in length");
+  require(
+      sigmas.shape(0) == count && slopes.shape(0) == count && (!bows || bows->shape(0) == count),
+      "ends, sigmas, slopes and bows differ in length");
   const GradientView view{gradient.data(), static_cast<int>(gradient.shape(1)),
                           static_cast<int>(gradient.shape(0)), settings.border_px};
   const auto rows = static_cast<Index>(count);
