@@ -68,6 +68,8 @@ def _accuracy(accuracies: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _offset(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    if "readout_s" in summary:
+        yield "Readout", f"{1e3 * summary['readout_s']:.1f} ms of a rolling shutter, as given"
     offset = summary.get("time_offset")
     if not offset:
         return

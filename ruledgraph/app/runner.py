@@ -258,8 +258,8 @@ def _summary(
     statuses = dict(tally.statuses)
     if tally.estimates < tally.frames:
         statuses[NO_ESTIMATE] = tally.frames - tally.estimates
-    clock_offset = {"time_offset": _time_offset(odometry)} if isinstance(odometry, Odometry) else {}
-    return clock_offset | {
+    times = _times(odometry) if isinstance(odometry, Odometry) else {}
+    return times | {
         "ended": ended,
         "recording_s": tally.seconds,
         "wall_s": elapsed,
@@ -277,6 +277,13 @@ def _summary(
         "warnings_left_off": max(0, len(warnings) - _MOST_WARNINGS) + odometry.warnings.left_off,
         "stages": stages,
     }
+
+
+def _times(odometry: Odometry) -> dict[str, Any]:
+    """Of frames and rows: what was given and found."""
+    readout = odometry.calibration.readout
+    rolling = {"readout_s": readout} if readout else {}
+    return {"time_offset": _time_offset(odometry)} | rolling
 
 
 def _time_offset(odometry: Odometry) -> dict[str, Any]:

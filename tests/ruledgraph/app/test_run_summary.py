@@ -34,6 +34,8 @@ def test_shares_are_of_the_right_whole():
     assert found["Speed"] == "10.0 s of recording in 4.0 s, 2.50 of real time"
     assert found["Next"] == "ruledgraph report out"
     assert "Time offset" not in found
+    assert "Readout" not in found
+    assert rows(readout_s=0.02)["Readout"] == "20.0 ms of a rolling shutter, as given"
 
 
 def test_errors_offset_and_recoveries_where_there_are_some():

@@ -293,6 +293,7 @@ def test_the_readout_can_be_given(recording, tmp_path):
     assert result.exit_code == 0, result.output
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["inputs"]["readout"] == "0.01"
+    assert summary["readout_s"] == pytest.approx(0.01, rel=1e-12)
 
 
 @pytest.mark.parametrize(

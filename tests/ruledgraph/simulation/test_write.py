@@ -78,6 +78,12 @@ def test_what_is_written_is_what_was_simulated(
     assert np.array_equal(ends, simulation.lines)
 
 
+def test_the_readout_is_written_beside_the_recording(tmp_path: Path) -> None:
+    result = run("square", "free", tmp_path / "o.bag", *SHORT, "--readout", "0.01")
+    assert result.exit_code == 0, result.output
+    assert read_calibration(tmp_path / "o.calib.yaml").readout == pytest.approx(0.01, rel=1e-12)
+
+
 def test_ground_truth_topic_is_in_the_bag(tmp_path: Path) -> None:
     from ruledgraph.evaluation.ground_truth import read_ground_truth
 
@@ -125,6 +131,8 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
         (("square", "free", "o.bag", "--imu", "good"), "IMU 'good' is none of d435i, euroc, none"),
         (("square", "free", "o.bag", "--duration", "-1"), "duration -1.0 s is not positive"),
         (("square", "free", "o.bag", "--start", "3"), "--start chooses a stretch of a measured"),
+        (("square", "free", "o.bag", "--readout", "0.02"), "does not fit between frames at 90 Hz"),
+        (("square", "free", "o.bag", "--readout", "-1"), "-1.0 is not in the range 0.0<=x<=1.0"),
         (("square", "free"), "name OUT, or --preview for a contact sheet alone"),
     ],
 )
