@@ -22,6 +22,7 @@ OPTIONS = {
     "calibration_files": (),
     "camera": None,
     "imu": None,
+    "readout": None,
     "resolution": "320x240",
     "rate": 30,
     "duration": 5.0,

@@ -106,6 +106,7 @@ def test_the_command_prints_poses_and_records(tmp_path, capsys):
         "calibration_files": (),
         "camera": None,
         "imu": None,
+        "readout": None,
         "resolution": "320x240",
         "rate": 30,
         "duration": 5.5,
