@@ -22,7 +22,10 @@ ALLOWED = {
     },
     "frontend/detection.py": {"_MOST_PREFETCHED": MEMORY},
     "frontend/edge_batch.py": {"_LEVEL": NUMERICS, "_LEAST_PART": NUMERICS},
-    "frontend/front_end.py": {"_MOST_GRADIENTS": MEMORY},
+    "frontend/front_end.py": {
+        "_MOST_GRADIENTS": MEMORY,
+        "_SAME_TURN": "how far off a rolling shutter's points may be after a correction in time",
+    },
     "frontend/gradient.py": {
         "BORDER_PX": "follows from the width of blur and derivative",
         "_BLUR": "belongs to the derivative",
@@ -32,6 +35,8 @@ ALLOWED = {
     "frontend/line_detection.py": dict.fromkeys(
         ("_HOUGH_ROUNDS", "_HOUGH_REMOVE", "_LSD_STEPS"), "belongs to the detector's method"
     ),
+    "frontend/rolling_edges.py": {"_THROUGH_CENTRE": NUMERICS},
+    "frontend/row_motion.py": {"_REPETITIONS": "until a fixed point stands"},
     "frontend/ruling_prediction.py": {
         "_THROUGH_CENTRE": NUMERICS,
         "_AT_INFINITY": NUMERICS,
@@ -43,6 +48,9 @@ ALLOWED = {
     ),
     "frontend/tracker.py": {"_UNBOUNDED": "stands for infinity: beyond any image"},
     "imu/buffer.py": {"_REPEATS_KEPT": MEMORY},
+    "imu/image_input.py": dict.fromkeys(
+        ("_MANY_CLOSE", "_CLOSE"), "tells a wrong unit from stamps that scatter"
+    ),
     "imu/synchronizer.py": {"_UNRELATED": "chooses the words of a warning"},
     "integrity/contradictions.py": {"_MEDIAN": "of a normal distribution"},
 }
