@@ -42,7 +42,7 @@ class IntegrityMonitor:
         self, gauge_uncertainty: GaugeUncertainty, warnings: Messages, config: Config
     ) -> None:
         self._limits = config.integrity
-        self._base_gauge = gauge_uncertainty
+        self._start_gauge = self._base_gauge = gauge_uncertainty
         self._imu = ImuCheck(warnings, config.integrity)
         self._lines = LineCheck(warnings, config.integrity)
         self._parallel = ParallelLines(config.integrity)
@@ -101,9 +101,14 @@ class IntegrityMonitor:
         scaled = times * of_pose, times * of_velocity, self._excess * of_bias
         return self._gauge.added_to(scaled, pose, velocity)
 
-    def are_small(self, covariances: Covariances) -> bool:
-        """Whether position and velocity are known well enough for the status `tracking`."""
-        of_pose, of_velocity, _ = covariances
+    def are_small(self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray) -> bool:
+        """Whether position and velocity are known well enough for the status `tracking`.
+
+        Relative to the start of the segment: what a gap before it has left does not count.
+        """
+        none = np.zeros((6, 6)), np.zeros((3, 3)), np.zeros((6, 6))
+        before = self._start_gauge.added_to(none, pose, velocity)
+        of_pose, of_velocity = covariances[0] - before[0], covariances[1] - before[1]
         limits = self._limits
         return bool(
             np.linalg.eigvalsh(of_velocity)[-1] < limits.tracking_velocity_sigma**2

@@ -190,7 +190,8 @@ class TrajectorySegment:
             return "still"
         if time - self._last_lines > limits.lines_missing_time or self.monitor.parallel:
             return "dead reckoning"
-        return "tracking" if self.monitor.are_small(covariances) else "degraded"
+        known = self.monitor.are_small(covariances, self.state.pose(), self.state.velocity())
+        return "tracking" if known else "degraded"
 
     def finish(self) -> None:
         """Hand out what is still in the window."""
