@@ -11,6 +11,7 @@
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -27,6 +28,15 @@ from ruledgraph.integrity.parallel_lines import ParallelLines
 from ruledgraph.integrity.rest_slide import RestSlide
 
 _UP = np.array([0.0, 0.0, 1.0])
+
+
+class _Drift(NamedTuple):
+    """Covariances of the position in the world, (3, 3), m^2."""
+
+    largest: FloatArray
+    """Bound of the marginal so far."""
+    added: FloatArray
+    """What inflation has added to it."""
 
 
 class IntegrityMonitor:
@@ -49,8 +59,7 @@ class IntegrityMonitor:
         self._rest = RestSlide(warnings, config.rest.slide_warning)
         # Factor by which the window's covariances are inflated.
         self._excess = 1.0
-        # In the world: bound of the position's marginal so far, and what inflation has added to it.
-        self._largest_position = self._added_position = np.zeros((3, 3))
+        self._drift = _Drift(np.zeros((3, 3)), np.zeros((3, 3)))
         self._time = 0.0
         # The gauge uncertainty with all that applies at the newest state.
         self._gauge = gauge_uncertainty
@@ -80,7 +89,7 @@ class IntegrityMonitor:
         self._inflate(node, excess, elapsed)
         self._add_to_gauge(self._parallel.update(window, self._excess))
         self._add_to_gauge(self._rest.update(node.state.position(), node.time, still))
-        more = self._added_position - (self._excess - 1.0) * _of_position(node)
+        more = self._drift.added - (self._excess - 1.0) * _of_position(node)
         position = self._base_gauge.position + self._parallel.covariance() + self._rest.covariance()
         self._gauge = replace(self._base_gauge, position=position + more)
 
@@ -122,20 +131,19 @@ class IntegrityMonitor:
             # The error of position and heading meanwhile stays.
             up = node.state.attitude().matrix().T @ _UP
             self._base_gauge = self._base_gauge.inflated(
-                _enclosing(self._added_position, (self._excess - 1.0) * position),
+                _enclosing(self._drift.added, (self._excess - 1.0) * position),
                 (self._excess - 1.0) * float(up @ node.covariances[0][:3, :3] @ up),
                 node.state.position(),
             )
-            self._excess, self._added_position = 1.0, np.zeros((3, 3))
+            self._excess, self._drift = 1.0, self._drift._replace(added=np.zeros((3, 3)))
         fading = 1.0 if self.disagree else float(np.exp(-elapsed / self._limits.fade_time))
         self._excess = max(excess, fading * self._excess)
         # The position keeps its error: the inflated part as of now, and that of further drift.
-        largest = _enclosing(self._largest_position, position)
-        came = (self._excess - 1.0) * (largest - self._largest_position)
-        self._added_position = _enclosing(
-            self._added_position + came, (self._excess - 1.0) * position
-        )
-        self._largest_position = largest
+        before = self._drift
+        largest = _enclosing(before.largest, position)
+        came = (self._excess - 1.0) * (largest - before.largest)
+        added = _enclosing(before.added + came, (self._excess - 1.0) * position)
+        self._drift = _Drift(largest, added)
 
 
 def _of_position(node: StateNode) -> FloatArray:
