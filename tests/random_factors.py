@@ -22,6 +22,7 @@ from ruledgraph_factors import (
     ruled_surface_factor_with_gravity_direction,
     ruled_surface_factor_with_gravity_vector,
     ruled_surface_factor_with_time_offset,
+    ruled_surface_factor_with_time_offset_and_extrinsics,
     ruled_surface_pose_factor,
     ruled_surface_pose_factor_with_extrinsics,
 )
@@ -48,7 +49,7 @@ class Case:
         noise = noiseModel.Isotropic.Sigma(points.rows, sigma)
         node = (X(0), V(0), B(0))
         motion = self.motion
-        if form != "node_time_offset":
+        if not form.startswith("node_time_offset"):
             motion = dataclasses.replace(motion, time_jacobian=None)
         rest = (motion, self.chart, points, self.body_T_cam)
         if form == "node":
@@ -57,6 +58,11 @@ class Case:
             return ruled_surface_factor_with_time_offset(noise, *node, T(0), L(0), *rest)
         if form == "node_extrinsics":
             return ruled_surface_factor_with_extrinsics(noise, *node, E(0), L(0), *rest[:3])
+        if form == "node_time_offset_extrinsics":
+            keys = (T(0), E(0), L(0))
+            return ruled_surface_factor_with_time_offset_and_extrinsics(
+                noise, *node, *keys, *rest[:3]
+            )
         if form == "pose_extrinsics":
             keys = (X(0), E(0), L(0))
             return ruled_surface_pose_factor_with_extrinsics(noise, *keys, *rest[1:3])

@@ -16,6 +16,7 @@ from ruledgraph_factors.factories import (
     ruled_surface_factor_with_gravity_direction,
     ruled_surface_factor_with_gravity_vector,
     ruled_surface_factor_with_time_offset,
+    ruled_surface_factor_with_time_offset_and_extrinsics,
     ruled_surface_pose_factor,
     ruled_surface_pose_factor_with_extrinsics,
 )
@@ -105,6 +106,7 @@ __all__ = [
     "ruled_surface_factor_with_gravity_direction",
     "ruled_surface_factor_with_gravity_vector",
     "ruled_surface_factor_with_time_offset",
+    "ruled_surface_factor_with_time_offset_and_extrinsics",
     "ruled_surface_pose_factor",
     "ruled_surface_pose_factor_with_extrinsics",
     "same_line_factor",

@@ -34,11 +34,12 @@ class _Surface:
         gravity: FloatArray,
         line: FloatArray,
         time_shift: float,
+        body_T_cam: FloatArray | None,
         residual: FloatArray,
         jacobian: FloatArray | None,
     ) -> None:
-        """Write the residual (rows,) at a state and, unless None, its Jacobian (rows, 22), or
-        (rows, 23) when there is a `time_jacobian`.
+        """Write the residual (rows,) at a state and, unless None, its Jacobian (rows, 22), with one
+        column more when there is a `time_jacobian`, and six more with `body_T_cam`.
 
         The state is that of `ruled_surface.State`. `jacobian` has Fortran order.
         """

@@ -105,7 +105,7 @@ def _line_check(key: int, sums: FloatArray, values: gtsam.Values) -> LineCheck:
 def _frames_behind(spec: RuledSurfaceSpec, values: gtsam.Values) -> int:
     """How many frames have the line behind their camera at the middle of the points."""
     keys = list(spec.keys)
-    with_extrinsics = spec.form in ("node_extrinsics", "pose_extrinsics")
+    with_extrinsics = spec.has_extrinsics
     body_T_cam = values.atPose3(keys[-2]) if with_extrinsics else spec.body_T_cam
     geometry = Geometry(spec.chart, spec.motion, body_T_cam)
     line = geometry.line_in_cameras(state_at(spec, keys, values), False)

@@ -10,7 +10,14 @@ import numpy as np
 
 from ruledgraph_factors.kernel import active_kernel, native
 from ruledgraph_factors.observations import GeometricPoints
-from ruledgraph_factors.ruled_surface import COLUMNS, COLUMNS_WITH_TIME, Geometry, Residual, State
+from ruledgraph_factors.ruled_surface import (
+    COLUMNS,
+    COLUMNS_WITH_TIME,
+    EXTRINSICS_COLUMNS,
+    Geometry,
+    Residual,
+    State,
+)
 from ruledgraph_factors.so3 import exp_and_right_jacobian, hat
 from ruledgraph_factors.spec import RuledSurfaceSpec
 from ruledgraph_factors.validation import FloatArray
@@ -38,15 +45,32 @@ def evaluation(spec: RuledSurfaceSpec, write: Write | None = None) -> Evaluate:
 def jacobian_buffer(spec: RuledSurfaceSpec) -> FloatArray:
     """An uninitialised array for a Jacobian."""
     columns = COLUMNS if spec.motion.time_jacobian is None else COLUMNS_WITH_TIME
+    columns += EXTRINSICS_COLUMNS if spec.has_extrinsics else 0
     return np.empty((spec.points.rows, columns), order="F")
 
 
-def writing(spec: RuledSurfaceSpec, body_T_cam: gtsam.Pose3 | None = None) -> Write:
-    """The arithmetic, into arrays of the caller's; with other extrinsics than the spec's if any."""
-    body_T_cam = spec.body_T_cam if body_T_cam is None else body_T_cam
+def writing(spec: RuledSurfaceSpec) -> Write:
+    """The arithmetic, into arrays of the caller's."""
     if active_kernel() == "native":
-        surface = native_surface(spec, body_T_cam)
+        surface = native_surface(spec)
         return lambda state, value, jacobian: surface.evaluate(*state, value, jacobian)
+    if not spec.has_extrinsics:
+        return _writing_at(spec, spec.body_T_cam)
+
+    def write(state: State, value: FloatArray, jacobian: FloatArray | None) -> None:
+        assert state.body_T_cam is not None  # noqa: S101 - `state_at` and callers give it
+        body_T_cam = gtsam.Pose3(state.body_T_cam)
+        rest = None if jacobian is None else jacobian[:, :-EXTRINSICS_COLUMNS]
+        _writing_at(spec, body_T_cam)(state, value, rest)
+        if jacobian is not None:
+            by_camera = _by_extrinsics(spec, state, body_T_cam, jacobian[:, :6])
+            jacobian[:, -EXTRINSICS_COLUMNS:] = by_camera
+
+    return write
+
+
+def _writing_at(spec: RuledSurfaceSpec, body_T_cam: gtsam.Pose3) -> Write:
+    """In numpy, with the camera there."""
     geometry = Geometry(spec.chart, spec.motion, body_T_cam)
 
     def write(state: State, value: FloatArray, jacobian: FloatArray | None) -> None:
@@ -60,7 +84,7 @@ def writing(spec: RuledSurfaceSpec, body_T_cam: gtsam.Pose3 | None = None) -> Wr
 
 
 def native_surface(
-    spec: RuledSurfaceSpec, body_T_cam: gtsam.Pose3
+    spec: RuledSurfaceSpec,
 ) -> "native.GeometricSurface | native.ReprojectionSurface":
     """The constants of the factor that `spec` describes, for the native kernel."""
     chart, motion, points = spec.chart, spec.motion, spec.points
@@ -68,7 +92,7 @@ def native_surface(
         chart.world_T_anchor.matrix(),
         chart.basis,
         chart.angle,
-        body_T_cam.matrix(),
+        spec.body_T_cam.matrix(),
         motion.elapsed,
         motion.preintegrated,
         motion.bias_jacobian,
@@ -80,15 +104,15 @@ def native_surface(
     return native.ReprojectionSurface(geometry, points.points, points.sqrt_weights, points.frame)
 
 
-def by_extrinsics(
-    spec: RuledSurfaceSpec, bias: FloatArray, by_pose: FloatArray, body_T_cam: gtsam.Pose3
+def _by_extrinsics(
+    spec: RuledSurfaceSpec, state: State, body_T_cam: gtsam.Pose3, by_pose: FloatArray
 ) -> FloatArray:
     """Jacobian (rows, 6) by body_T_cam, from that by the pose (rows, 6).
 
     With D_j = (Exp(theta_j), dp_j) the preintegrated motion, E Exp(w) moves the camera of frame j
     as X Exp(Ad(D_j E) w) does: a frame's rows are those of the pose times Ad(D_j E).
     """
-    motion = spec.motion.corrected(bias)
+    motion = spec.motion.corrected(state.bias, state.time_shift)
     start_R_frame, _ = exp_and_right_jacobian(motion[:, :3])
     turn = start_R_frame @ body_T_cam.rotation().matrix()
     shift = motion[:, 3:6] + start_R_frame @ body_T_cam.translation()
@@ -100,4 +124,4 @@ def by_extrinsics(
         blocks = by_pose.reshape(len(turn), 3, 6) @ adjoint
     else:
         blocks = by_pose.reshape(len(points.frame), 2, 6) @ adjoint[points.frame]
-    return np.asfortranarray(blocks.reshape(-1, 6))
+    return np.asarray(blocks.reshape(-1, 6))

@@ -10,7 +10,6 @@ import numpy as np
 from ruledgraph_factors.evaluation import (
     Evaluate,
     Write,
-    by_extrinsics,
     evaluation,
     jacobian_buffer,
     writing,
@@ -21,18 +20,18 @@ from ruledgraph_factors.spec import Form, RuledSurfaceSpec
 from ruledgraph_factors.validation import FloatArray, vector_of
 
 _POSE, _VELOCITY, _BIAS = slice(0, 6), slice(6, 9), slice(9, 15)
-_GRAVITY, _LINE, _TIME = slice(15, 18), slice(18, 22), slice(22, 23)
+_GRAVITY, _LINE, _TIME, _CAMERA = slice(15, 18), slice(18, 22), slice(22, 23), slice(-6, None)
 _NO_VELOCITY, _NO_BIAS = np.zeros(3), np.zeros(6)
-# The columns of the residual's Jacobian that belong to each key. Those of the extrinsics are made
-# of the pose's.
+# The columns of the residual's Jacobian that belong to each key.
 _COLUMNS: dict[Form, tuple[slice, ...]] = {
     "node": (_POSE, _VELOCITY, _BIAS, _LINE),
     "node_time_offset": (_POSE, _VELOCITY, _BIAS, _TIME, _LINE),
-    "node_extrinsics": (_POSE, _VELOCITY, _BIAS, _POSE, _LINE),
+    "node_extrinsics": (_POSE, _VELOCITY, _BIAS, _CAMERA, _LINE),
+    "node_time_offset_extrinsics": (_POSE, _VELOCITY, _BIAS, _TIME, _CAMERA, _LINE),
     "node_gravity_direction": (_POSE, _VELOCITY, _BIAS, _GRAVITY, _LINE),
     "node_gravity_vector": (_POSE, _VELOCITY, _BIAS, _GRAVITY, _LINE),
     "pose": (_POSE, _LINE),
-    "pose_extrinsics": (_POSE, _POSE, _LINE),
+    "pose_extrinsics": (_POSE, _CAMERA, _LINE),
 }
 
 
@@ -76,10 +75,6 @@ class _RuledSurfaceError(ErrorFunction):
         spec, write = self.spec, self.write
         state = state_at(spec, keys, values)
         value = np.empty(spec.rows)
-        extrinsics = None
-        if spec.form in ("node_extrinsics", "pose_extrinsics"):
-            extrinsics = values.atPose3(keys[-2])
-            write = writing(spec, extrinsics)
         if H is None:
             write(state, value, None)
             return value
@@ -93,14 +88,12 @@ class _RuledSurfaceError(ErrorFunction):
         if spec.form == "node_gravity_direction":
             basis = values.atUnit3(keys[3]).basis()
             H[3] = np.asfortranarray(buffer.blocks[3] @ (self._magnitude * basis))
-        elif extrinsics is not None:
-            H[len(keys) - 2] = by_extrinsics(spec, state.bias, buffer.blocks[0], extrinsics)
         self._buffers.append(buffer)
         return value
 
 
 def state_at(spec: RuledSurfaceSpec, keys: list[int], values: gtsam.Values) -> State:
-    """What a factor depends on, extrinsics apart.
+    """What a factor depends on.
 
     Raises:
         FactorError: when a key holds a vector of the wrong size.
@@ -115,7 +108,8 @@ def state_at(spec: RuledSurfaceSpec, keys: list[int], values: gtsam.Values) -> S
             gravity = float(np.linalg.norm(gravity)) * direction
         elif form == "node_gravity_vector":
             gravity = vector_of(values, keys[3], 3)
-        elif form == "node_time_offset":
+        elif spec.has_time_offset:
             time_shift = values.atDouble(keys[3])
     pose, line = values.atPose3(keys[0]).matrix(), vector_of(values, keys[-1], 4)
-    return State(pose, velocity, bias, gravity, line, time_shift)
+    camera = values.atPose3(keys[-2]).matrix() if spec.has_extrinsics else None
+    return State(pose, velocity, bias, gravity, line, time_shift, camera)

@@ -116,6 +116,28 @@ def ruled_surface_factor_with_extrinsics(
     return _factor("node_extrinsics", noise_model, keys, motion, chart, points, None, gravity)
 
 
+def ruled_surface_factor_with_time_offset_and_extrinsics(
+    noise_model: noiseModel.Base,
+    pose_key: int,
+    velocity_key: int,
+    bias_key: int,
+    time_key: int,
+    extrinsics_key: int,
+    line_key: int,
+    motion: FrameMotion,
+    chart: LineChart,
+    points: Points,
+    gravity: ArrayLike = STANDARD_GRAVITY,
+) -> RuledSurfaceFactor:
+    """`ruled_surface_factor` with both the clock of the frames and the camera's pose as variables.
+
+    See `ruled_surface_factor_with_time_offset` and `ruled_surface_factor_with_extrinsics`.
+    """
+    keys = pose_key, velocity_key, bias_key, time_key, extrinsics_key, line_key
+    rest = motion, chart, points, None, gravity
+    return _factor("node_time_offset_extrinsics", noise_model, keys, *rest)
+
+
 def ruled_surface_factor_with_gravity_direction(
     noise_model: noiseModel.Base,
     pose_key: int,

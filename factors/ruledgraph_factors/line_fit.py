@@ -49,9 +49,7 @@ def fit_line(
     if active_kernel() == "numpy":
         return fit_line_in_numpy(evaluation(spec), state, starts, information, prior, descents)
     here = state.world_T_body, state.velocity, state.bias, state.gravity
-    found = native_surface(spec, spec.body_T_cam).fit_line(
-        *here, list(starts), information, prior, descents
-    )
+    found = native_surface(spec).fit_line(*here, list(starts), information, prior, descents)
     return LineMinimum(*found)
 
 

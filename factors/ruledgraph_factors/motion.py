@@ -204,9 +204,15 @@ class FrameMotion:
         except IndexError as error:
             raise FactorError(f"frames: {error}") from None
 
-    def corrected(self, bias: FloatArray) -> FloatArray:
-        """(theta, dp, dv) at `bias` (6,) to first order, (n, 9)."""
-        return np.asarray(self.preintegrated + self.bias_jacobian @ (bias - self.bias))
+    def corrected(self, bias: FloatArray, time_shift: float = 0.0) -> FloatArray:
+        """(theta, dp, dv) at `bias` (6,) to first order, (n, 9).
+
+        The frames' theta and dp at a `time_shift`, s, if there is a `time_jacobian`.
+        """
+        found = np.asarray(self.preintegrated + self.bias_jacobian @ (bias - self.bias))
+        if self.time_jacobian is not None:
+            found[:, :6] += self.time_jacobian * time_shift
+        return found
 
     def poses(
         self,
@@ -266,11 +272,10 @@ class FrameMotion:
             time_shift: how much later than `elapsed` the frames were taken, s; to first order, and
                 without a `time_jacobian` left out.
         """
-        delta = self.corrected(bias)
+        delta = self.corrected(bias, time_shift)
         t = self.elapsed[:, None]
         by_velocity, by_gravity = t, 0.5 * t * t
         if self.time_jacobian is not None:
-            delta[:, :6] += self.time_jacobian * time_shift
             by_velocity, by_gravity = t + time_shift, by_gravity + t * time_shift
         delta_rotation, right_jacobian = exp_and_right_jacobian(delta[:, :3])
         delta_position = delta[:, 3:6]

@@ -17,7 +17,8 @@ and compared with the edge points in one of two ways:
   r = p - (S + alpha d)_xy / (S + alpha d)_z, two rows a point.
 
 The columns of a Jacobian are, in this order, the tangents of pose (6), velocity (3), bias (6),
-gravity (3) and line (4); of a motion with a `time_jacobian` also the frames' shift in time (1).
+gravity (3) and line (4); of a motion with a `time_jacobian` also the frames' shift in time (1); of
+a state with `body_T_cam` also that of the camera's pose in the body (6).
 """
 
 from typing import NamedTuple
@@ -30,7 +31,7 @@ from ruledgraph_factors.motion import FrameMotion
 from ruledgraph_factors.so3 import hat
 from ruledgraph_factors.validation import FloatArray, IntArray
 
-COLUMNS, COLUMNS_WITH_TIME = 22, 23
+COLUMNS, COLUMNS_WITH_TIME, EXTRINSICS_COLUMNS = 22, 23, 6
 # A ruling with |m_xy| below this (for a unit Pluecker pair) has no finite image line: the camera's
 # centre lies on the line, or the line lies in the camera's focal plane.
 NO_RULING = 1e-9
@@ -56,6 +57,8 @@ class State(NamedTuple):
     """Delta of the chart, (4,)."""
     time_shift: float = 0.0
     """How much later than their motion says the frames were taken, s."""
+    body_T_cam: FloatArray | None = None
+    """The camera's pose in the body, (4, 4), where it is a variable."""
 
 
 class CameraLine(NamedTuple):
@@ -74,7 +77,7 @@ class CameraLine(NamedTuple):
 
 
 class Residual(NamedTuple):
-    """Unwhitened residual (rows,) and Jacobian (rows, 22 or 23), None when not asked for."""
+    """Unwhitened residual (rows,) and Jacobian (rows, columns), None when not asked for."""
 
     value: FloatArray
     jacobian: FloatArray | None

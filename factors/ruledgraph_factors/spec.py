@@ -21,6 +21,7 @@ Form: TypeAlias = Literal[
     "node",
     "node_time_offset",
     "node_extrinsics",
+    "node_time_offset_extrinsics",
     "node_gravity_direction",
     "node_gravity_vector",
     "pose",
@@ -33,6 +34,7 @@ KEY_NAMES: dict[Form, tuple[str, ...]] = {
     "node": (*_NODE, "line_key"),
     "node_time_offset": (*_NODE, "time_key", "line_key"),
     "node_extrinsics": (*_NODE, "extrinsics_key", "line_key"),
+    "node_time_offset_extrinsics": (*_NODE, "time_key", "extrinsics_key", "line_key"),
     "node_gravity_direction": (*_NODE, "gravity_key", "line_key"),
     "node_gravity_vector": (*_NODE, "gravity_key", "line_key"),
     "pose": ("pose_key", "line_key"),
@@ -83,12 +85,22 @@ class RuledSurfaceSpec(FactorSpec):
             raise FactorError(
                 f"points has {self.points.frames} frames, but motion has {len(self.motion)}"
             )
-        if self.form == "node_time_offset" and self.motion.time_jacobian is None:
+        if self.has_time_offset and self.motion.time_jacobian is None:
             raise FactorError(
                 "motion has no time_jacobian: use preintegrate_frames(..., with_time=True)"
             )
         pose("body_T_cam", self.body_T_cam)
         object.__setattr__(self, "gravity", finite_array("gravity", self.gravity, (3,)))
+
+    @property
+    def has_extrinsics(self) -> bool:
+        """Whether the camera's pose in the body is a variable, the last key but one."""
+        return self.form.endswith("extrinsics")
+
+    @property
+    def has_time_offset(self) -> bool:
+        """Whether the frames' shift in time is a variable, `keys[3]`."""
+        return self.form.startswith("node_time_offset")
 
     @property
     def rows(self) -> int:

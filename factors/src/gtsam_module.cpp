@@ -66,6 +66,7 @@ LineObservation::Form form_of(const std::string& name) {
       {"node", Form::kNode},
       {"node_time_offset", Form::kTimeOffset},
       {"node_extrinsics", Form::kExtrinsics},
+      {"node_time_offset_extrinsics", Form::kTimeOffsetExtrinsics},
       {"node_gravity_direction", Form::kGravityDirection},
       {"node_gravity_vector", Form::kGravityVector},
       {"pose", Form::kPose},

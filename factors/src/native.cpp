@@ -6,14 +6,17 @@
 #include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/vector.h>
 
 #include <cstdint>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 #include <vector>
 
 #include "ruledgraph/compress.hpp"
+#include "ruledgraph/extrinsics.hpp"
 #include "ruledgraph/line_distance.hpp"
 #include "ruledgraph/line_fit.hpp"
 #include "ruledgraph/preintegration.hpp"
@@ -75,7 +78,8 @@ struct RuledSurface {
 
   void evaluate(const Matrix4d& world_T_body, const Vector3& velocity, const Vector6& bias,
                 const Vector3& gravity, const Eigen::Vector4d& line, double time_shift,
-                VectorOut residual, JacobianArray jacobian) const {
+                const std::optional<Matrix4d>& body_T_cam, VectorOut residual,
+                JacobianArray jacobian) const {
     const State state{world_T_body.topLeftCorner<3, 3>(),
                       world_T_body.topRightCorner<3, 1>(),
                       velocity,
@@ -84,16 +88,31 @@ struct RuledSurface {
                       line,
                       time_shift};
     require(residual.size() == points.rows(), "residual has the wrong length");
+    if (!body_T_cam) {
+      evaluate_at(geometry, state, false, residual, jacobian);
+      return;
+    }
+    evaluate_at(geometry.with_camera(body_T_cam->topLeftCorner<3, 3>(),
+                                     body_T_cam->topRightCorner<3, 1>()),
+                state, true, residual, jacobian);
+  }
+
+  void evaluate_at(const Geometry& geometry, const State& state, bool with_extrinsics,
+                   VectorOut residual, JacobianArray jacobian) const {
     if (!jacobian.is_valid()) {
       ruledgraph::evaluate(geometry, points, state, residual, nullptr);
       return;
     }
-    const Index columns = geometry.columns();
+    const Index own = geometry.columns(), columns = own + (with_extrinsics ? 6 : 0);
     require(static_cast<Index>(jacobian.shape(0)) == points.rows() &&
                 static_cast<Index>(jacobian.shape(1)) == columns,
             "jacobian has the wrong number of rows or columns");
-    MatrixOut out = Eigen::Map<Eigen::MatrixXd>(jacobian.data(), points.rows(), columns);
+    Eigen::Map<Eigen::MatrixXd> all(jacobian.data(), points.rows(), columns);
+    MatrixOut out = all.leftCols(own);
     ruledgraph::evaluate(geometry, points, state, residual, &out);
+    if (with_extrinsics) {
+      all.rightCols<6>() = by_extrinsics(geometry, points, state, all.leftCols<6>());
+    }
   }
 
   nb::tuple fit_line(const Matrix4d& world_T_body, const Vector3& velocity, const Vector6& bias,
@@ -222,7 +241,7 @@ nb::class_<Surface> bind_surface(nb::module_& module, const char* name) {
   return nb::class_<Surface>(module, name)
       .def("evaluate", &Surface::evaluate, nb::arg("world_T_body"), nb::arg("velocity"),
            nb::arg("bias"), nb::arg("gravity"), nb::arg("line"), nb::arg("time_shift"),
-           nb::arg("residual"), nb::arg("jacobian").noconvert().none())
+           nb::arg("body_T_cam").none(), nb::arg("residual"), nb::arg("jacobian").noconvert().none())
       .def("fit_line", &Surface::fit_line, nb::arg("world_T_body"), nb::arg("velocity"),
            nb::arg("bias"), nb::arg("gravity"), nb::arg("starts"), nb::arg("information"),
            nb::arg("prior"), nb::arg("descents"));

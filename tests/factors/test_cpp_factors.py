@@ -73,9 +73,9 @@ def numbers(case: Case, factor: RuledSurfaceFactor) -> list[object]:
     data += [spec.gravity]
     data += [values.atPose3(X(0)), values.atVector(V(0)), values.atConstantBias(B(0)).vector()]
     data += [values.atVector(L(0))]
-    if spec.form == "node_time_offset":
+    if spec.has_time_offset:
         data += [values.atDouble(T(0))]
-    elif spec.form in ("node_extrinsics", "pose_extrinsics"):
+    if spec.has_extrinsics:
         data += [values.atPose3(E(0))]
     elif spec.form == "node_gravity_direction":
         data += [values.atUnit3(G(0)).unitVector()]

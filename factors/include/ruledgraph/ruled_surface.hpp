@@ -86,10 +86,12 @@ class Geometry {
   Matrix3 body_R_cam() const { return cam_R_body_.transpose(); }
   const Vector3& body_t_cam() const { return body_t_cam_; }
 
-  /// (theta, dp) of a frame at a bias, to first order.
-  Vector6 corrected(std::size_t frame, const Vector6& bias) const {
+  /// (theta, dp) of a frame at a state, to first order.
+  Vector6 corrected(std::size_t frame, const State& state) const {
     const FrameMotion& motion = frames_[frame];
-    return motion.preintegrated + motion.bias_jacobian * (bias - bias_);
+    Vector6 found = motion.preintegrated + motion.bias_jacobian * (state.bias - bias_);
+    if (timed_) found += motion.time_jacobian * state.time_shift;
+    return found;
   }
 
   /// The same with another camera.
@@ -135,10 +137,9 @@ class Geometry {
                             bool want_jacobian) const {
     const FrameMotion& motion = frames_[frame];
     const double t = motion.elapsed;
-    Vector6 delta = corrected(frame, state.bias);
+    const Vector6 delta = corrected(frame, state);
     double by_velocity = t, by_gravity = 0.5 * t * t;
     if (timed_) {
-      delta += motion.time_jacobian * state.time_shift;
       by_velocity += state.time_shift;
       by_gravity += t * state.time_shift;
     }

@@ -28,13 +28,14 @@ using gtsam::Values;
 using gtsam::Vector;
 
 constexpr Key kPoseKey = 0, kVelocityKey = 1, kBiasKey = 2, kExtraKey = 3, kLineKey = 4;
-constexpr Key kNewLineKey = 5;
+constexpr Key kNewLineKey = 5, kTimeKey = 6;
 
 /// As `LineObservation::Form`, and the factors on a line alone.
 enum Kind {
   kNode,
   kTimeOffset,
   kExtrinsics,
+  kTimeOffsetExtrinsics,
   kGravityDirection,
   kGravityVector,
   kPoseOnly,
@@ -43,6 +44,10 @@ enum Kind {
   kLineDistance,
   kSameLine,
 };
+
+bool has_extrinsics(Kind kind) {
+  return kind == kExtrinsics || kind == kTimeOffsetExtrinsics || kind == kPoseExtrinsics;
+}
 
 gtsam::Pose3 read_pose() {
   const Pose pose = read_plain_pose();
@@ -73,6 +78,10 @@ gtsam::NonlinearFactor::shared_ptr make_factor(Kind kind, const FrameMotions& mo
           .clone();
     case kExtrinsics:
       return Factor::WithExtrinsics(noise, x, v, b, e, l, motions, chart, points, gravity).clone();
+    case kTimeOffsetExtrinsics:
+      return Factor::WithTimeOffsetAndExtrinsics(noise, x, v, b, kTimeKey, e, l, motions, chart,
+                                                 points, gravity)
+          .clone();
     case kGravityDirection:
       return Factor::WithGravityDirection(noise, x, v, b, e, l, motions, chart, points, body_T_cam,
                                           gravity.norm())
@@ -104,7 +113,8 @@ Case read_observation(Kind kind) {
   found.values.insert(kBiasKey, gtsam::imuBias::ConstantBias(read_fixed<6>()));
   found.values.insert(kLineKey, gtsam::Vector4(read_fixed<4>()));
   if (kind == kTimeOffset) found.values.insert(kExtraKey, read_number());
-  if (kind == kExtrinsics || kind == kPoseExtrinsics) found.values.insert(kExtraKey, read_pose());
+  if (kind == kTimeOffsetExtrinsics) found.values.insert(kTimeKey, read_number());
+  if (has_extrinsics(kind)) found.values.insert(kExtraKey, read_pose());
   if (kind == kGravityDirection) found.values.insert(kExtraKey, gtsam::Unit3(read_fixed<3>()));
   if (kind == kGravityVector) found.values.insert(kExtraKey, gtsam::Vector3(read_fixed<3>()));
   return found;
@@ -138,15 +148,14 @@ Case read_case(Kind kind) {
 /// The values with one of them moved along its tangent.
 Values moved(const Case& at, Key key, const Vector& tangent) {
   Values values = at.values;
-  const bool camera = at.kind == kExtrinsics || at.kind == kPoseExtrinsics;
-  if (key == kPoseKey || (key == kExtraKey && camera)) {
+  if (key == kPoseKey || (key == kExtraKey && has_extrinsics(at.kind))) {
     values.update(key, gtsam::Pose3(values.at<gtsam::Pose3>(key).retract(tangent)));
   } else if (key == kBiasKey) {
     const gtsam::Vector6 bias = values.at<gtsam::imuBias::ConstantBias>(key).vector() + tangent;
     values.update(key, gtsam::imuBias::ConstantBias(bias));
   } else if (key == kLineKey || key == kNewLineKey) {
     values.update(key, gtsam::Vector4(values.at<gtsam::Vector4>(key) + tangent));
-  } else if (key == kExtraKey && at.kind == kTimeOffset) {
+  } else if (key == kTimeKey || (key == kExtraKey && at.kind == kTimeOffset)) {
     values.update(key, values.at<double>(key) + tangent[0]);
   } else if (key == kExtraKey && at.kind == kGravityDirection) {
     values.update(key, values.at<gtsam::Unit3>(key).retract(tangent));

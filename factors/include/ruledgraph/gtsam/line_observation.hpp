@@ -28,6 +28,7 @@ class LineObservation : public gtsam::NoiseModelFactor {
     kNode,
     kTimeOffset,
     kExtrinsics,
+    kTimeOffsetExtrinsics,
     kGravityDirection,
     kGravityVector,
     kPose,
@@ -52,7 +53,7 @@ class LineObservation : public gtsam::NoiseModelFactor {
     if (form_ == Form::kPose || form_ == Form::kPoseExtrinsics) return state;
     state.velocity = values.at<gtsam::Vector3>(keys[1]);
     state.bias = values.at<gtsam::imuBias::ConstantBias>(keys[2]).vector();
-    if (form_ == Form::kTimeOffset) {
+    if (has_time_offset()) {
       state.time_shift = values.at<double>(keys[3]);
     } else if (form_ == Form::kGravityVector) {
       state.gravity = values.at<gtsam::Vector3>(keys[3]);
@@ -88,11 +89,10 @@ class LineObservation : public gtsam::NoiseModelFactor {
       (*H)[1] = jacobian.middleCols<3>(kVelocity);
       (*H)[2] = jacobian.middleCols<6>(kBias);
     }
+    if (has_time_offset()) (*H)[3] = jacobian.col(kTime);
     gtsam::Matrix& by_extra = (*H)[H->size() - 2];
     if (has_extrinsics()) {
       by_extra = by_camera;
-    } else if (form_ == Form::kTimeOffset) {
-      by_extra = jacobian.col(kTime);
     } else if (form_ == Form::kGravityVector) {
       by_extra = jacobian.middleCols<3>(kGravity);
     } else if (form_ == Form::kGravityDirection) {
@@ -133,7 +133,11 @@ class LineObservation : public gtsam::NoiseModelFactor {
 
  private:
   bool has_extrinsics() const {
-    return form_ == Form::kExtrinsics || form_ == Form::kPoseExtrinsics;
+    return form_ == Form::kExtrinsics || form_ == Form::kTimeOffsetExtrinsics ||
+           form_ == Form::kPoseExtrinsics;
+  }
+  bool has_time_offset() const {
+    return form_ == Form::kTimeOffset || form_ == Form::kTimeOffsetExtrinsics;
   }
   gtsam::Key extra_key() const { return this->keys()[this->keys().size() - 2]; }
 

@@ -65,7 +65,7 @@ class RuledSurface {
     if (jacobian != nullptr) {
       *by_camera = std::visit(
           [&](const auto& points) -> gtsam::Matrix {
-            return by_extrinsics(geometry, points, state.bias, jacobian->middleCols<6>(kPose));
+            return by_extrinsics(geometry, points, state, jacobian->middleCols<6>(kPose));
           },
           points_);
     }

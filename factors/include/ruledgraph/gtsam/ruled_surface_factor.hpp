@@ -44,9 +44,7 @@ class RuledSurfaceFactor : public LineObservation {
                                            const LineChart& chart, Points points,
                                            const gtsam::Pose3& body_T_cam = gtsam::Pose3(),
                                            const Vector3& gravity = {0.0, 0.0, -kStandardGravity}) {
-    if (!motions.timed) {
-      throw std::invalid_argument("ruledgraph: motions must be preintegrated with_time");
-    }
+    require_timed(motions);
     return {Form::kTimeOffset,
             noise_model,
             {pose_key, velocity_key, bias_key, time_key, line_key},
@@ -64,6 +62,20 @@ class RuledSurfaceFactor : public LineObservation {
     return {Form::kExtrinsics,
             noise_model,
             {pose_key, velocity_key, bias_key, extrinsics_key, line_key},
+            {chart, motions, std::move(points), gtsam::Pose3()},
+            gravity};
+  }
+
+  /// With both.
+  static RuledSurfaceFactor WithTimeOffsetAndExtrinsics(
+      const gtsam::SharedNoiseModel& noise_model, gtsam::Key pose_key, gtsam::Key velocity_key,
+      gtsam::Key bias_key, gtsam::Key time_key, gtsam::Key extrinsics_key, gtsam::Key line_key,
+      const FrameMotions& motions, const LineChart& chart, Points points,
+      const Vector3& gravity = {0.0, 0.0, -kStandardGravity}) {
+    require_timed(motions);
+    return {Form::kTimeOffsetExtrinsics,
+            noise_model,
+            {pose_key, velocity_key, bias_key, time_key, extrinsics_key, line_key},
             {chart, motions, std::move(points), gtsam::Pose3()},
             gravity};
   }
@@ -110,6 +122,12 @@ class RuledSurfaceFactor : public LineObservation {
   }
 
  private:
+  static void require_timed(const FrameMotions& motions) {
+    if (!motions.timed) {
+      throw std::invalid_argument("ruledgraph: motions must be preintegrated with_time");
+    }
+  }
+
   RuledSurfaceFactor(Form form, const gtsam::SharedNoiseModel& noise_model,
                      const gtsam::KeyVector& keys, RuledSurface surface, const Vector3& gravity)
       : LineObservation(form, noise_model, keys, std::move(surface), gravity) {}
