@@ -92,9 +92,9 @@ struct RuledSurface {
       evaluate_at(geometry, state, false, residual, jacobian);
       return;
     }
-    evaluate_at(geometry.with_camera(body_T_cam->topLeftCorner<3, 3>(),
-                                     body_T_cam->topRightCorner<3, 1>()),
-                state, true, residual, jacobian);
+    evaluate_at(
+        geometry.with_camera(body_T_cam->topLeftCorner<3, 3>(), body_T_cam->topRightCorner<3, 1>()),
+        state, true, residual, jacobian);
   }
 
   void evaluate_at(const Geometry& geometry, const State& state, bool with_extrinsics,
@@ -241,7 +241,8 @@ nb::class_<Surface> bind_surface(nb::module_& module, const char* name) {
   return nb::class_<Surface>(module, name)
       .def("evaluate", &Surface::evaluate, nb::arg("world_T_body"), nb::arg("velocity"),
            nb::arg("bias"), nb::arg("gravity"), nb::arg("line"), nb::arg("time_shift"),
-           nb::arg("body_T_cam").none(), nb::arg("residual"), nb::arg("jacobian").noconvert().none())
+           nb::arg("body_T_cam").none(), nb::arg("residual"),
+           nb::arg("jacobian").noconvert().none())
       .def("fit_line", &Surface::fit_line, nb::arg("world_T_body"), nb::arg("velocity"),
            nb::arg("bias"), nb::arg("gravity"), nb::arg("starts"), nb::arg("information"),
            nb::arg("prior"), nb::arg("descents"));
