@@ -11,6 +11,9 @@ from typing_extensions import Self
 from ruledgraph.core.image_config import EdgesConfig as EdgesConfig
 from ruledgraph.core.image_config import TracksConfig as TracksConfig
 from ruledgraph.core.section import Section, number
+from ruledgraph.core.sensor_config import ExtrinsicsConfig as ExtrinsicsConfig
+from ruledgraph.core.sensor_config import ImuConfig as ImuConfig
+from ruledgraph.core.sensor_config import TimeOffsetConfig as TimeOffsetConfig
 
 
 class LinesConfig(Section):
@@ -127,27 +130,6 @@ class StartConfig(Section):
     """The specific force at rest is gravity to this share; in g, or without gravity, it is not."""
 
 
-class TimeOffsetConfig(Section):
-    """The time offset between camera and IMU."""
-
-    estimate: bool = True
-    """Whether it is estimated, before the start and while running; otherwise, and where the
-    calibration says that it is exact (`timeshift_exact: true`), the calibration's stands."""
-    sigma: float = number(0.01, "s", 1e-5, 0.1)
-    """Standard deviation of the calibration's."""
-    random_walk: float = number(1e-3, "s", 1e-6, 0.01)
-    """How fast it changes: standard deviation after one second. Stamps of arrival wander, and a
-    camera that exposes by itself moves the middle of its exposures: by 10 ms in 100 s."""
-    max_step: float = number(2e-3, "s", 1e-5, 0.1)
-    """The frames' times follow the estimate by this much a state at most: they stay in order."""
-    settled_sigma: float = number(1e-3, "s", 1e-6, 0.1)
-    """An offset is settled when its deviation is below this ..."""
-    settled_change: float = number(5e-4, "s", 1e-6, 0.1)
-    """... and the frames' times are no further from it."""
-    warn_offset: float = number(3e-3, "s", 1e-6, 1.0)
-    """A settled offset that far from the calibration's is worth a warning."""
-
-
 class IntegrityConfig(Section):
     """Status and covariances of estimates, and when a segment ends."""
 
@@ -243,52 +225,6 @@ class RestConfig(Section):
     """An estimate that moves so far at rest is worth a warning."""
 
 
-class ImuConfig(Section):
-    """Outages, spikes and the range of the IMU."""
-
-    max_sample_interval: float = number(0.05, "s", 1e-3, 1.0)
-    """A longer stretch without a new reading is a hole."""
-    max_hole: float = number(0.12, "s", 1e-3, 10.0)
-    """After a longer hole lines are no longer where they are expected."""
-    unsure_time: float = number(1.0, "s", 0.0, 60.0)
-    """How long after such a hole or a clipped reading estimates are called degraded."""
-    hole_rate_sigma: float = number(0.5, "rad/s", 0.0, 100.0)
-    """Standard deviation of the rate within a long hole from the line between its ends."""
-    hole_force_sigma: float = number(1.5, "m/s^2", 0.0, 1e3)
-    """The same of the specific force."""
-    long_hole: float = number(0.2, "s", 1e-3, 10.0)
-    """Where that is reached; in a shorter hole it is less by the square of its length."""
-    hang_repeats: int = number(4, "", 1, 1000)
-    """A reading repeated so often, to the last bit, is that of an IMU that hangs, unless the image
-    rests."""
-    silent_time: float = number(1.0, "s", 0.1, 60.0)
-    """When camera or IMU are so far behind the other one, they are waited for."""
-    max_frame_wait: float = number(2.0, "s", 0.1, 60.0)
-    """So much of the camera's frames waits for the IMU at most; older ones are dropped."""
-    spike_rate: float = number(0.2, "rad/s", 0.0, 100.0)
-    """A spike's rate is further from the reading before than this ..."""
-    spike_force: float = number(2.0, "m/s^2", 0.0, 1e3)
-    """... or its specific force further than this ..."""
-    spike_factor: float = number(4.0, "", 1.0, 100.0)
-    """... and than so many times the largest recent change; hard landings stay below 3."""
-    spike_return: float = number(0.3, "", 0.0, 1.0)
-    """The reading after a spike is back to less than this share of its jump."""
-    spike_memory: float = number(0.25, "s", 1e-3, 60.0)
-    """Time constant with which the largest recent change is forgotten."""
-    spike_watch_time: float = number(0.1, "s", 0.0, 60.0)
-    """How long changes are watched before anything is taken for a spike."""
-    range_touches: int = number(5, "", 2, 1000)
-    """An axis that reads its farthest value, to the last bit, so often ends there ..."""
-    range_span: float = number(0.3, "s", 0.01, 60.0)
-    """... within so long ..."""
-    range_steps: float = number(20.0, "", 1.0, 1e4)
-    """... if it came from further off than so many of its smallest steps."""
-    range_open_share: float = number(0.5, "", 0.0, 10.0)
-    """Standard deviation of a clipped reading, as a share of the range's end."""
-    range_join_time: float = number(0.03, "s", 0.0, 1.0)
-    """Clipped readings no further apart are one stretch."""
-
-
 class Config(Section):
     """Everything."""
 
@@ -299,6 +235,7 @@ class Config(Section):
     window: WindowConfig = WindowConfig()
     start: StartConfig = StartConfig()
     time_offset: TimeOffsetConfig = TimeOffsetConfig()
+    extrinsics: ExtrinsicsConfig = ExtrinsicsConfig()
     integrity: IntegrityConfig = IntegrityConfig()
     rest: RestConfig = RestConfig()
     imu: ImuConfig = ImuConfig()
