@@ -3,6 +3,7 @@
 """The odometry: measurements in, estimates out. This file names the stages and their order."""
 
 from ruledgraph.backend.sliding_window import Window
+from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.measurements import Frame, ImuSample, Measurement
@@ -68,6 +69,11 @@ class Odometry(Output):
     def time_offset(self) -> TimeOffset:
         """t_imu - t_cam, s, as last known; sigma 0 when it is not estimated."""
         return self._stages.clock.offset
+
+    @property
+    def mounting(self) -> CameraMounting:
+        """The camera's pose in the body, as last known."""
+        return self._stages.mounting
 
     def add(self, measurement: Measurement) -> None:
         """A frame, an IMU sample, or a gap, which ends a segment."""

@@ -53,7 +53,9 @@ def writing(spec: RuledSurfaceSpec) -> Write:
     """The arithmetic, into arrays of the caller's."""
     if active_kernel() == "native":
         surface = native_surface(spec)
-        return lambda state, value, jacobian: surface.evaluate(*state, value, jacobian)
+        if spec.has_extrinsics:
+            return lambda state, value, jacobian: surface.evaluate(*state, value, jacobian)
+        return lambda state, value, jacobian: surface.evaluate(*state[:-1], None, value, jacobian)
     if not spec.has_extrinsics:
         return _writing_at(spec, spec.body_T_cam)
 

@@ -7,11 +7,10 @@ one get no state of their own; their poses follow from the state's by preintegra
 
     R_t = R_k Exp(theta_t(b)),    p_t = p_k + v_k t + g t^2 / 2 + R_k dp_t(b),
 
-with (theta, dp, dv)(b) = (theta, dp, dv)(b0) + H (b - b0), the first-order bias correction. Where
-the clock of the frames is not quite that of the IMU, their poses at t + s follow likewise to first
-order in s: theta and dp grow by s times their time derivatives, v t + g t^2 / 2 by s (v + g t).
-
-H is the derivative at fixed segments (see `ImuSamples.segments`), as in GTSAM.
+with (theta, dp, dv)(b) = (theta, dp, dv)(b0) + H (b - b0), the first-order bias correction; H is
+the derivative at fixed segments (see `ImuSamples.segments`), as in GTSAM. Where the frames' clock
+is not quite that of the IMU, their poses at t + s follow likewise to first order in s: theta and dp
+grow by s times their time derivatives, v t + g t^2 / 2 by s (v + g t).
 
 Source: tangent-space preintegration as in GTSAM's `TangentPreintegration`, which is what its
 `PreintegratedCombinedMeasurements` runs by default. GTSAM's Python wheel does not expose H, hence
@@ -205,14 +204,11 @@ class FrameMotion:
             raise FactorError(f"frames: {error}") from None
 
     def corrected(self, bias: FloatArray, time_shift: float = 0.0) -> FloatArray:
-        """(theta, dp, dv) at `bias` (6,) to first order, (n, 9).
-
-        The frames' theta and dp at a `time_shift`, s, if there is a `time_jacobian`.
-        """
-        found = np.asarray(self.preintegrated + self.bias_jacobian @ (bias - self.bias))
+        """(theta, dp, dv) at `bias` (6,) and `time_shift` (s) to first order, (n, 9)."""
+        found = self.preintegrated + self.bias_jacobian @ (bias - self.bias)
         if self.time_jacobian is not None:
             found[:, :6] += self.time_jacobian * time_shift
-        return found
+        return np.asarray(found)
 
     def poses(
         self,
@@ -269,8 +265,7 @@ class FrameMotion:
             bias: accelerometer and gyroscope, (6,).
             gravity: in the world, (3,), m/s^2.
             want_jacobian: whether to fill `PredictedPoses.jacobian`.
-            time_shift: how much later than `elapsed` the frames were taken, s; to first order, and
-                without a `time_jacobian` left out.
+            time_shift: how much later than `elapsed` the frames were taken, s.
         """
         delta = self.corrected(bias, time_shift)
         t = self.elapsed[:, None]

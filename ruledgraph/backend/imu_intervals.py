@@ -8,6 +8,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
+from ruledgraph.backend.extrinsics import ExtrinsicsState
 from ruledgraph.backend.states import Interval, StateNode
 from ruledgraph.backend.time_offset import TimeOffsetState
 from ruledgraph.calibration.sensors import ImuNoise
@@ -23,6 +24,7 @@ def imu_interval(
     imu: ImuBuffer,
     noise: ImuNoise,
     time_offset: TimeOffsetState | None,
+    extrinsics: ExtrinsicsState | None,
     still: bool,
 ) -> tuple[Interval, StateNode]:
     """The frames after a state with their motion, and the state at the last of them.
@@ -35,6 +37,7 @@ def imu_interval(
         imu: samples that cover them.
         noise: of the IMU.
         time_offset: the time offset of the frames, when that is estimated.
+        extrinsics: the camera's pose in the body, when that is estimated.
         still: whether the body rested all the time.
     """
     params, reliable_frames = noise.preintegration_params(), len(times)
@@ -57,6 +60,14 @@ def imu_interval(
     timed = time_offset is not None and not still
     motion = preintegrate_frames(samples, node.time, times, node.bias, with_time=timed)
     interval = Interval(
-        node, list(stamps), motion, [factor], reliable_frames, repeats_frame, time_offset, still
+        node,
+        list(stamps),
+        motion,
+        [factor],
+        reliable_frames,
+        repeats_frame,
+        time_offset,
+        extrinsics,
+        still,
     )
     return interval, StateNode(k + 1, times[-1], state, node.bias, node.covariance)

@@ -24,7 +24,9 @@ from ruledgraph_factors import (
     line_distance_factor,
     new_line_factor,
     ruled_surface_factor,
+    ruled_surface_factor_with_extrinsics,
     ruled_surface_factor_with_time_offset,
+    ruled_surface_factor_with_time_offset_and_extrinsics,
 )
 
 
@@ -82,12 +84,24 @@ def observation(
     k = interval.node.index
     is_whole = len(index) == len(interval.stamps)
     motion = interval.motion if is_whole else interval.motion.select(list(index))
-    rest = motion, line.chart, compressed, model.body_T_cam
-    if interval.time_offset is None or motion.time_jacobian is None:
-        factor = ruled_surface_factor(noise, X(k), V(k), B(k), line.key, *rest)
+    state, rest = (X(k), V(k), B(k)), (motion, line.chart, compressed)
+    extrinsics = interval.extrinsics
+    body_T_cam = model.body_T_cam if extrinsics is None else extrinsics.body_T_cam
+    # At rest the noise of the IMU would make the mounting look observable.
+    free = None if extrinsics is None or interval.still else extrinsics.key
+    clock = None if motion.time_jacobian is None else interval.time_offset
+    if clock is not None and free is not None:
+        factor = ruled_surface_factor_with_time_offset_and_extrinsics(
+            noise, *state, clock.key, free, line.key, *rest
+        )
+    elif clock is not None:
+        factor = ruled_surface_factor_with_time_offset(
+            noise, *state, clock.key, line.key, *rest, body_T_cam
+        )
+    elif free is not None:
+        factor = ruled_surface_factor_with_extrinsics(noise, *state, free, line.key, *rest)
     else:
-        keys = X(k), V(k), B(k), interval.time_offset.key, line.key
-        factor = ruled_surface_factor_with_time_offset(noise, *keys, *rest)
+        factor = ruled_surface_factor(noise, *state, line.key, *rest, body_T_cam)
     return LineObservation(line, factor, compressed, (index[-1], sightings[-1].points))
 
 

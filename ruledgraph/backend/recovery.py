@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_factors import new_line_factors
+from ruledgraph.backend.self_calibration import add_self_calibration
 from ruledgraph.backend.states import Interval, StateNode, joint_prior
 from ruledgraph.core.config import Config
 
@@ -28,20 +29,11 @@ def rebuilt(
     """
     update = GraphUpdate()
     factors, values, times = update.factors, update.values, update.times
-    random_walk = config.time_offset.random_walk
     factors.add(joint_prior(nodes[0]))
     for node in nodes:
         update.insert(node)
-    time_offsets = [
-        interval.time_offset for interval in intervals if interval.time_offset is not None
-    ]
-    for i, time_offset in enumerate(time_offsets):
-        random_walk_factor = (
-            time_offset.random_walk_factor(time_offsets[i - 1], random_walk) if i else None
-        )
-        factors.add(random_walk_factor or time_offset.prior())
-        values.insert(time_offset.key, time_offset.residual_offset)
-        times[time_offset.key] = time_offset.time
+    for before, interval in zip((None, *intervals), intervals, strict=False):
+        add_self_calibration(update, interval, before, config)
     kept = {id(line) for line in lines}
     for interval in intervals:
         for factor in interval.imu_factors:

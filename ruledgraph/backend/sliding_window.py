@@ -13,14 +13,15 @@ from ruledgraph.backend.imu_intervals import imu_interval
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_map import LineMap
 from ruledgraph.backend.rest_factors import rest_factors
+from ruledgraph.backend.self_calibration import SelfCalibration, add_self_calibration
 from ruledgraph.backend.start import Start
 from ruledgraph.backend.state_sequence import StateSequence
 from ruledgraph.backend.states import Interval, StateNode, add_priors
-from ruledgraph.backend.time_offset import TimeOffsetState
 from ruledgraph.backend.window_solver import WindowSolver
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import blocks
+from ruledgraph.core.extrinsics import Extrinsics
 from ruledgraph.core.line_observations import LineTrack
 from ruledgraph.imu.buffer import ImuBuffer
 
@@ -29,11 +30,17 @@ class Window:
     """Fixed-lag smoothing over states and lines.
 
     Use `extend` for each new state, then `optimize`. `offset_correction` (s) was added to the
-    calibration's time offset in the times of the start's frames.
+    calibration's time offset in the times of the start's frames. `extrinsics`: what is known of the
+    camera's pose in the body; None: that of the calibration, not to be estimated.
     """
 
     def __init__(
-        self, calibration: Calibration, config: Config, start: Start, offset_correction: float = 0.0
+        self,
+        calibration: Calibration,
+        config: Config,
+        start: Start,
+        offset_correction: float = 0.0,
+        extrinsics: Extrinsics | None = None,
     ) -> None:
         self._config = config
         self._imu_noise = calibration.imu_noise
@@ -41,10 +48,11 @@ class Window:
         self._states = StateSequence(first)
         self.line_map = LineMap(calibration, config, start.lines)
         self._solver = WindowSolver(self._states, self.line_map, config)
-        self.time_offset = start.time_offset
-        """Beyond the calibration's, as of the newest interval, when it is estimated."""
-        if start.time_offset is not None:
-            self.time_offset = start.time_offset.plus(offset_correction)
+        offset = start.time_offset
+        self.self_calibration = SelfCalibration(
+            None if offset is None else offset.plus(offset_correction), extrinsics
+        )
+        """As of the newest interval that was solved."""
         self.first_stamp = start.stamp
         self.solved = -math.inf
         """Time of the newest state that was optimised, s."""
@@ -112,39 +120,24 @@ class Window:
         if latest is not None and not latest.is_reliable and not imu.in_long_hole(before.time):
             repeats_frame = True
             stamps, times = [latest.stamps[-1], *stamps], [before.time, *times]
-        before_offset = self._states.latest_time_offset
-        time_offset = self._new_time_offset(before, offset_correction)
         interval, new = imu_interval(
-            before, stamps, times, repeats_frame, imu, self._imu_noise, time_offset, still
+            before,
+            stamps,
+            times,
+            repeats_frame,
+            imu,
+            self._imu_noise,
+            self.self_calibration.time_offset_of(before, offset_correction),
+            self.self_calibration.extrinsics_of(before),
+            still,
         )
         self._update.factors.add(interval.imu_factors[0])
-        if time_offset is not None:
-            self._add_time_offset(time_offset, before_offset)
+        add_self_calibration(self._update, interval, latest, self._config)
         self._states.append(interval, new)
         self._update.insert(new)
         for factor in rest_factors(self.intervals, new.time, self._config.rest):
             self._update.factors.add(factor)
         self.line_map.observe(tracks, self.intervals, new.time, self._update)
-
-    def _new_time_offset(self, node: StateNode, offset_correction: float) -> TimeOffsetState | None:
-        """The time offset of the frames after a state, when that is estimated."""
-        if self.time_offset is None:
-            return None
-        value, sigma = self.time_offset
-        return TimeOffsetState(
-            node.index, node.time, offset_correction, value - offset_correction, sigma
-        )
-
-    def _add_time_offset(
-        self, time_offset: TimeOffsetState, before: TimeOffsetState | None
-    ) -> None:
-        random_walk = self._config.time_offset.random_walk
-        factor = (
-            time_offset.random_walk_factor(before, random_walk) if before else time_offset.prior()
-        )
-        self._update.factors.add(factor)
-        self._update.values.insert(time_offset.key, time_offset.residual_offset)
-        self._update.times[time_offset.key] = time_offset.time
 
     # -- solving ---------------------------------------------------------------------------------
 
@@ -159,9 +152,7 @@ class Window:
         self._solver.solve(self._update)
         self._update = GraphUpdate()
         self.solved = self.newest.time
-        time_offset = self._states.latest_time_offset
-        if time_offset is not None:
-            self.time_offset = time_offset.offset
+        self.self_calibration = self.self_calibration.after(self.intervals[-1])
         self.line_map.check_fit(self.intervals[-1])
         return gone
 

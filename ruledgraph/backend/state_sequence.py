@@ -9,7 +9,6 @@ from gtsam.symbol_shorthand import B, V, X
 
 from ruledgraph.backend.rest_factors import resting
 from ruledgraph.backend.states import Interval, StateNode
-from ruledgraph.backend.time_offset import TimeOffsetState
 
 
 class StateSequence:
@@ -28,11 +27,6 @@ class StateSequence:
     def latest_interval(self) -> Interval | None:
         """The one that ends at the newest state; None with a single state."""
         return self.intervals[-1] if self.intervals else None
-
-    @property
-    def latest_time_offset(self) -> TimeOffsetState | None:
-        """The time offset of the latest interval, when that is estimated."""
-        return self.intervals[-1].time_offset if self.intervals else None
 
     @property
     def rests_since(self) -> float:
@@ -58,5 +52,9 @@ class StateSequence:
             pose, velocity = estimate.atPose3(X(node.index)), estimate.atVector(V(node.index))
             node.state = gtsam.NavState(pose, velocity)
             node.bias = estimate.atConstantBias(B(node.index))
-        for time_offset in filter(None, (interval.time_offset for interval in self.intervals)):
-            time_offset.residual_offset = estimate.atDouble(time_offset.key)
+        for interval in self.intervals:
+            offset, extrinsics = interval.time_offset, interval.extrinsics
+            if offset is not None:
+                offset.residual_offset = estimate.atDouble(offset.key)
+            if extrinsics is not None:
+                extrinsics.body_T_cam = estimate.atPose3(extrinsics.key)

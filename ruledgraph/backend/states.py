@@ -11,6 +11,7 @@ import numpy as np
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, V, X
 
+from ruledgraph.backend.extrinsics import ExtrinsicsState
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.time_offset import TimeOffsetState
 from ruledgraph.core.arrays import FloatArray
@@ -81,6 +82,8 @@ class Interval:
     was a guess there."""
     time_offset: TimeOffsetState | None = None
     """The time offset of its frames, when that is estimated."""
+    extrinsics: ExtrinsicsState | None = None
+    """The camera's pose in the body, when that is estimated."""
     still: bool = False
     """Whether the body rested all the time, and for some time before."""
     observations: list[LineObservation] = field(default_factory=list)
@@ -111,8 +114,12 @@ class Interval:
         return cached[1]
 
     def cameras(self, body_T_cam: gtsam.Pose3) -> list[gtsam.Pose3]:
-        """world_T_cam of its frames: `poses` with the camera's pose in the body."""
+        """world_T_cam of its frames: `poses` with the camera's pose in the body, which is
+        `body_T_cam` where it is not estimated.
+        """
         bodies, cameras = self.poses(), self._cached_cameras
+        if self.extrinsics is not None:
+            body_T_cam = self.extrinsics.body_T_cam
         if cameras is None or cameras[0] is not bodies:
             cameras = self._cached_cameras = bodies, [pose.compose(body_T_cam) for pose in bodies]
         return cameras[1]
@@ -121,7 +128,9 @@ class Interval:
         """What the factor of a line at `delta` depends on."""
         pose, velocity = self.node.state.pose().matrix(), self.node.state.velocity()
         bias = self.node.bias.vector()
-        return State(pose, velocity, bias, _GRAVITY, delta, self.residual_offset)
+        extrinsics = self.extrinsics
+        camera = None if extrinsics is None else extrinsics.body_T_cam.matrix()
+        return State(pose, velocity, bias, _GRAVITY, delta, self.residual_offset, camera)
 
     def seen(self, sightings: Sequence[Sighting]) -> tuple[list[int], list[Sighting]]:
         """Indices of the reliable frames that saw a line, and the sightings."""

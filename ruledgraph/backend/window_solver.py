@@ -11,7 +11,7 @@ from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.line_map import LineMap
 from ruledgraph.backend.recovery import rebuilt
 from ruledgraph.backend.state_sequence import StateSequence
-from ruledgraph.backend.states import StateNode
+from ruledgraph.backend.states import Interval, StateNode
 from ruledgraph.core.config import Config
 
 
@@ -79,12 +79,20 @@ class WindowSolver:
 
     def _read_covariances(self) -> None:
         self.read_covariance(self._states.newest)
-        time_offset = self._states.latest_time_offset
-        if time_offset is not None:
-            variance = self._smoother.covariance(time_offset.key)
-            if variance is not None:
-                time_offset.sigma = float(np.sqrt(variance[0, 0]))
+        if self._states.intervals:
+            self._read_self_calibration(self._states.intervals[-1])
         self._line_map.read_covariances(self._smoother, self._states.newest.time)
+
+    def _read_self_calibration(self, interval: Interval) -> None:
+        offset, extrinsics = interval.time_offset, interval.extrinsics
+        if offset is not None:
+            variance = self._smoother.covariance(offset.key)
+            if variance is not None:
+                offset.sigma = float(np.sqrt(variance[0, 0]))
+        if extrinsics is not None:
+            covariance = self._smoother.covariance(extrinsics.key)
+            if covariance is not None:
+                extrinsics.covariance = covariance
 
     def read_covariance(self, node: StateNode) -> None:
         """Of a state, by the smoother's present estimate."""

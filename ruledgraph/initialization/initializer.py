@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ruledgraph.backend.start import Start
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.core.config import Config
 from ruledgraph.core.timing import Messages
 from ruledgraph.frontend.front_end import FrontEnd
@@ -31,7 +31,7 @@ class Initializer:
     """Tries to begin a trajectory segment from what was seen so far, at rest or in motion.
 
     Args:
-        calibration: of camera and IMU.
+        mounting: with the calibration of camera and IMU.
         clock_search: of the time offset, which also holds the settings.
         sensors: the IMU samples and the times of the frames.
         front_end: with the line tracks.
@@ -41,14 +41,14 @@ class Initializer:
 
     def __init__(
         self,
-        calibration: Calibration,
+        mounting: CameraMounting,
         clock_search: ClockSearch,
         sensors: Synchronizer,
         front_end: FrontEnd,
         rest: RestDetector,
         warnings: Messages,
     ) -> None:
-        self._calibration = calibration
+        self._mounting = mounting
         self._clock_search = clock_search
         self._sensors = sensors
         self._front_end = front_end
@@ -119,7 +119,7 @@ class Initializer:
         used = frames.since(now.time - length)
         stamps, times = [f.stamp for f in used], [f.time for f in used]
         tracks = self._front_end.observed()
-        return start_in_motion(imu, stamps, times, tracks, self._calibration, self._config)
+        return start_in_motion(imu, stamps, times, tracks, self._mounting.calibration, self._config)
 
     def retime(self, change: float) -> None:
         """Move all frames in time, s, and try again with the next one."""

@@ -49,7 +49,8 @@ class TrajectorySegment:
         self._stages = stages
         self.confirmed = not start.lines
         """Whether the start is accepted; one in motion is on trial first."""
-        self.window = Window(calibration, config, start, stages.sensors.offset_correction)
+        correction, extrinsics = stages.sensors.offset_correction, stages.mounting.extrinsics
+        self.window = Window(calibration, config, start, correction, extrinsics)
         self.monitor = IntegrityMonitor(gauge_uncertainty, stages.output.warnings, config)
         imu, noise = stages.sensors.imu, calibration.imu_noise
         self._reporter = EstimateReporter(
@@ -98,6 +99,12 @@ class TrajectorySegment:
         """Carry the state on to a time (s) after the newest node, by the IMU."""
         self.state = self._propagator.predict(self.window.newest, time)
         return self.state
+
+    @property
+    def body_T_cam(self) -> gtsam.Pose3:
+        """The camera's pose in the body as the window has it."""
+        extrinsics = self.window.self_calibration.extrinsics
+        return (extrinsics or self._stages.mounting.calibration).body_T_cam
 
     def predicted_lines(self, time: float) -> Mapping[int, LinePrediction]:
         """The lines of the graph; none where the IMU was unreliable."""
@@ -152,7 +159,11 @@ class TrajectorySegment:
         self.monitor.update(window, self._still)
         self._propagator.reset()
         self.state = window.newest.state
-        clock.update(window.time_offset, self.confirmed and not self.monitor.disagree)
+        reliable = self.confirmed and not self.monitor.disagree
+        offset, extrinsics = window.self_calibration
+        clock.update(offset, reliable)
+        if reliable:
+            self._stages.mounting.update(extrinsics)
 
     def confirm(self) -> None:
         """Accept a start that was on trial."""

@@ -37,7 +37,7 @@ class SegmentSequence:
         self.clock_search = ClockSearch(calibration, config, stages.output.warnings)
         """Of the time offset, by how the images turn."""
         self.initializer = Initializer(
-            calibration,
+            stages.mounting,
             self.clock_search,
             stages.sensors,
             stages.front_end,
@@ -60,11 +60,16 @@ class SegmentSequence:
         on_trial = "initializing: the start is on trial"
         return self.last_status if self.current.confirmed else on_trial
 
+    @property
+    def _mounted(self) -> Calibration:
+        """The calibration with the camera's pose in the body as it is known by now."""
+        return self._stages.mounting.calibration
+
     def predicted(self, now: FrameTime) -> Predicted | None:
         """The camera's motion since the last frame, and the lines of the graph; None for the first
         frame.
         """
-        sensors, body_T_cam = self._stages.sensors, self._calibration.body_T_cam
+        sensors, body_T_cam = self._stages.sensors, self._mounted.body_T_cam
         if not sensors.frames:
             return None
         before = sensors.frames.last
@@ -74,6 +79,7 @@ class SegmentSequence:
             before_R_body = rotation_between(sensors.imu, before.time, now.time)
             R = body_R_cam.matrix().T @ before_R_body.matrix().T @ body_R_cam.matrix()
             return Predicted(CameraMotion(R, elapsed, body_T_cam, body_T_cam), {})
+        body_T_cam = self.current.body_T_cam
         world_T_before = self.current.state.pose().compose(body_T_cam)
         world_T_cam = self.current.predict(now.time).pose().compose(body_T_cam)
         R = world_T_cam.between(world_T_before).rotation().matrix()
@@ -82,11 +88,11 @@ class SegmentSequence:
 
     def row_motion(self, now: FrameTime) -> RowMotion | None:
         """The camera's motion during the frame, where `predicted` it; None of a global shutter."""
-        if not self._calibration.readout:
+        if not self._mounted.readout:
             return None
         imu, segment = self._stages.sensors.imu, self.current
         known = (None, _NO_BIAS) if segment is None else (segment.state, segment.window.newest.bias)
-        return row_motion(self._calibration, imu, now.time, *known)
+        return row_motion(self._mounted, imu, now.time, *known)
 
     # -- beginning -------------------------------------------------------------------------------
 
@@ -102,7 +108,7 @@ class SegmentSequence:
             start, gauge_uncertainty = continued(start, self.last_reliable, self._config.integrity)
         self.current = TrajectorySegment(
             self._count,
-            self._calibration,
+            self._mounted,
             self._config,
             self._stages,
             start,

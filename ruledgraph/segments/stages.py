@@ -4,6 +4,7 @@
 
 from typing import NamedTuple
 
+from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.output import Output
@@ -20,6 +21,7 @@ class Stages(NamedTuple):
     front_end: FrontEnd
     rest: RestDetector
     clock: CameraClock
+    mounting: CameraMounting
     output: Output
 
     @classmethod
@@ -31,7 +33,8 @@ class Stages(NamedTuple):
         sensors.image_rests = rest.image_rests
         given = calibration.time_offset
         clock = CameraClock(sensors, given, config.time_offset, output.warnings)
-        return cls(sensors, front_end, rest, clock, output)
+        mounting = CameraMounting(calibration, config.extrinsics, output.warnings)
+        return cls(sensors, front_end, rest, clock, mounting, output)
 
     def forget(self, before: float) -> None:
         """Drop lost tracks, and what was measured before a time, s."""

@@ -35,10 +35,10 @@ def run_window(made: IdealTracks, offset: float, following: bool = True) -> Wind
         times = (made.times[part] - offset + offset_correction).tolist()
         window.extend(made.stamps[part], times, made.imu, made.tracks, False, offset_correction)
         window.optimize()
-        assert window.time_offset is not None
+        assert window.self_calibration.time_offset is not None
         if following:
             offset_correction = corrected_offset(
-                offset_correction, window.time_offset, ON.time_offset
+                offset_correction, window.self_calibration.time_offset, ON.time_offset
             )
     return window
 
@@ -53,7 +53,7 @@ def test_a_window_finds_the_offset(offset, following):
     """Within three sigmas; and 10 ms of delay do not show in the frames' poses."""
     made = shaken(1)
     window = run_window(made, offset, following)
-    value, sigma = window.time_offset
+    value, sigma = window.self_calibration.time_offset
     assert sigma < 1e-3
     assert abs(value - offset) < 3.0 * sigma
     assert window.recoveries == []
@@ -67,7 +67,7 @@ def test_its_deviation_is_what_it_is_said_to_be():
     nees = []
     for seed in range(24):
         offset = float(np.random.default_rng([seed, 7]).normal(scale=PRIOR.sigma / 2))
-        value, sigma = run_window(shaken(seed), offset).time_offset
+        value, sigma = run_window(shaken(seed), offset).self_calibration.time_offset
         nees.append(((value - offset) / sigma) ** 2)
     assert 0.40 < np.mean(nees) < 1.90
 
@@ -76,7 +76,7 @@ def test_a_smoother_that_is_rebuilt_keeps_the_offset(monkeypatch):
     fail_updates(monkeypatch, 8, 13)
     window = run_window(shaken(1), 0.006)
     assert len(window.recoveries) == 2
-    value, sigma = window.time_offset
+    value, sigma = window.self_calibration.time_offset
     assert sigma < 1e-3
     assert abs(value - 0.006) < 3.0 * sigma
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ideal_tracks import CALIBRATION, IdealTracks, at_rest, ideal_tracks
+from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.core.config import Config
 from ruledgraph.core.output import Output
 from ruledgraph.imu.frame_history import FrameTime
@@ -34,8 +35,9 @@ class Run:
             self.sensors.imu, self.sensors.frames, lambda *_: image_motion, config.rest
         )
         clock_search = ClockSearch(CALIBRATION, config, self.output.warnings)
+        mounting = CameraMounting(CALIBRATION, config.extrinsics, self.output.warnings)
         self.initializer = Initializer(
-            CALIBRATION, clock_search, self.sensors, front_end, rest, self.output.warnings
+            mounting, clock_search, self.sensors, front_end, rest, self.output.warnings
         )
         both = zip(made.stamps, made.times.tolist(), strict=True)
         self._frames = [FrameTime(stamp, time) for stamp, time in both]

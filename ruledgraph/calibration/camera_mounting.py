@@ -1,0 +1,71 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""The camera's pose in the body, as it is known by now."""
+
+import dataclasses
+
+import gtsam
+import numpy as np
+
+from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.config import ExtrinsicsConfig
+from ruledgraph.core.extrinsics import Extrinsics
+from ruledgraph.core.timing import Messages
+
+
+class CameraMounting:
+    """Keeps what windows find of the camera's pose in the body.
+
+    Args:
+        calibration: whose pose it is until then.
+        config: how well that is known, and whether it is estimated.
+        warnings: messages for the user.
+    """
+
+    def __init__(
+        self, calibration: Calibration, config: ExtrinsicsConfig, warnings: Messages
+    ) -> None:
+        self.calibration = calibration
+        """With the pose as it is known by now."""
+        self._given = calibration.body_T_cam
+        self._covariance = np.diag(
+            np.repeat([config.rotation_sigma**2, config.translation_sigma**2], 3)
+        )
+        self._config = config
+        self._warnings = warnings
+
+    @property
+    def extrinsics(self) -> Extrinsics | None:
+        """What is known; None when it is not estimated."""
+        if not self._config.estimate:
+            return None
+        return Extrinsics(self.calibration.body_T_cam, self._covariance)
+
+    def update(self, extrinsics: Extrinsics | None) -> None:
+        """Take in an estimate."""
+        if extrinsics is None:
+            return
+        pose, self._covariance = extrinsics
+        self.calibration = dataclasses.replace(self.calibration, body_T_cam=pose)
+        if message := mounting_warning(self._given, extrinsics, self._config):
+            self._warnings.once("extrinsics", message)
+
+
+def turned_by(given: gtsam.Pose3, extrinsics: Extrinsics) -> tuple[float, float]:
+    """By how much the camera is turned from a given pose, and the deviation of that, rad."""
+    turn = given.rotation().logmap(extrinsics.body_T_cam.rotation())
+    variances = np.linalg.eigvalsh(extrinsics.covariance[:3, :3])
+    return float(np.linalg.norm(turn)), float(np.sqrt(variances[-1]))
+
+
+def mounting_warning(
+    given: gtsam.Pose3, extrinsics: Extrinsics, config: ExtrinsicsConfig
+) -> str | None:
+    """What to warn of: a rotation that is well known and far from the calibration's."""
+    angle, sigma = turned_by(given, extrinsics)
+    if sigma > config.settled_sigma or angle < config.warn_rotation:
+        return None
+    return (
+        f"the camera is turned by {np.degrees(angle):.1f} deg (deviation {np.degrees(sigma):.1f} "
+        "deg) from where the calibration has it on the IMU: correct T_cam_imu"
+    )
