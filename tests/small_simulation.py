@@ -46,9 +46,9 @@ def frames(measurements) -> list[Frame]:
     return [m for m in measurements if isinstance(m, Frame)]
 
 
-def write_small_recording(folder: Path) -> Path:
+def write_small_recording(folder: Path, duration: float = 4.5) -> Path:
     """`small_stream` as a bag, with `calib.yaml` beside it."""
-    stream, calibration = small_stream()
+    stream, calibration = small_stream(duration=duration)
     write_recording(stream, folder / "small.bag", "rosbag1")
     write_kalibr(calibration, folder / "calib.yaml")
     return folder / "small.bag"

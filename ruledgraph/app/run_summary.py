@@ -14,6 +14,7 @@ _WIDTH = 13
 def summary_text(summary: Mapping[str, Any], output: Path, *, rerun: Path | None = None) -> str:
     """A table of one row for each thing a person asks first, and the command to go on with."""
     rows = [*_frames(summary), *_accuracy(summary.get("accuracy", {})), *_offset(summary)]
+    rows += _extrinsics(summary)
     speed = f"{summary['recording_s']:.1f} s of recording in {summary['wall_s']:.1f} s"
     if summary["recording_s"] > 0.0:
         speed += f", {summary['real_time_factor']:.2f} of real time"
@@ -79,6 +80,21 @@ def _offset(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         return
     value, sigma = 1e3 * offset["s"], 1e3 * offset["sigma_s"]
     yield "Time offset", f"t_imu - t_cam = {value:+.2f} ± {sigma:.2f} ms, estimated; {given}"
+
+
+def _extrinsics(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    found = summary.get("extrinsics")
+    if not found:
+        return
+    if not found["estimated"]:
+        yield "Extrinsics", "as given, not estimated"
+        return
+    yield (
+        "Extrinsics",
+        f"camera turned by {found['rotation_deg']:.2f} ± {found['sigma_rotation_deg']:.2f} deg, "
+        f"moved by {1e3 * found['translation_m']:.1f} ± {1e3 * found['sigma_translation_m']:.1f} "
+        "mm from the calibration's, estimated",
+    )
 
 
 def _share(part: int, whole: int) -> str:

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from ruledgraph.app.found_calibration import calibration_summary, write_found_calibration
 from ruledgraph.app.interrupts import CaughtSignals
 from ruledgraph.app.results import Results
 from ruledgraph.app.trajectory_files import TrajectoryFormat
@@ -163,6 +164,8 @@ def run(
                 _note_ground_truth(output, ground_truth)
         with first.kept():
             results.summarize(summary)
+            if isinstance(odometry, Odometry) and tally.estimates:
+                write_found_calibration(odometry, output / "calibration.yaml")
     if first.error is not None and not first.is_interrupt:
         raise first.error
     return summary
@@ -258,8 +261,8 @@ def _summary(
     statuses = dict(tally.statuses)
     if tally.estimates < tally.frames:
         statuses[NO_ESTIMATE] = tally.frames - tally.estimates
-    times = _times(odometry) if isinstance(odometry, Odometry) else {}
-    return times | {
+    found = calibration_summary(odometry) if isinstance(odometry, Odometry) else {}
+    return found | {
         "ended": ended,
         "recording_s": tally.seconds,
         "wall_s": elapsed,
@@ -276,28 +279,6 @@ def _summary(
         "warnings": warnings[:_MOST_WARNINGS],
         "warnings_left_off": max(0, len(warnings) - _MOST_WARNINGS) + odometry.warnings.left_off,
         "stages": stages,
-    }
-
-
-def _times(odometry: Odometry) -> dict[str, Any]:
-    """Of frames and rows: what was given and found."""
-    readout = odometry.calibration.readout
-    rolling = {"readout_s": readout} if readout else {}
-    return {"time_offset": _time_offset(odometry)} | rolling
-
-
-def _time_offset(odometry: Odometry) -> dict[str, Any]:
-    """What was given and found of the clock offset, s."""
-    value, sigma = odometry.time_offset
-    found = odometry.clock_search.found
-    return {
-        "s": value,
-        "sigma_s": sigma,
-        "estimated": odometry.config.time_offset.estimate,
-        "given_s": odometry.calibration.time_offset,
-        "images_s": None if found is None else found.value,
-        "images_sigma_s": None if found is None else found.sigma,
-        "images_used": odometry.clock_search.used,
     }
 
 

@@ -35,6 +35,7 @@ def test_shares_are_of_the_right_whole():
     assert found["Next"] == "ruledgraph report out"
     assert "Time offset" not in found
     assert "Readout" not in found
+    assert "Extrinsics" not in found
     assert rows(readout_s=0.02)["Readout"] == "20.0 ms of a rolling shutter, as given"
 
 
@@ -54,6 +55,20 @@ def test_errors_offset_and_recoveries_where_there_are_some():
     assert rows(time_offset=offset | {"estimated": False})["Time offset"] == (
         "+2.0 ms as given, not estimated"
     )
+
+
+def test_what_was_found_of_the_extrinsics():
+    found = {
+        "estimated": True,
+        "rotation_deg": 0.912,
+        "sigma_rotation_deg": 0.061,
+        "translation_m": 0.0021,
+        "sigma_translation_m": 0.0009,
+    }
+    assert rows(extrinsics=found)["Extrinsics"] == (
+        "camera turned by 0.91 ± 0.06 deg, moved by 2.1 ± 0.9 mm from the calibration's, estimated"
+    )
+    assert rows(extrinsics={"estimated": False})["Extrinsics"] == "as given, not estimated"
 
 
 def test_a_run_that_never_started():

@@ -18,6 +18,7 @@ from evo.tools import file_interface
 
 from ruledgraph.app.cli import main
 from ruledgraph.app.runner import run
+from ruledgraph.calibration import read_calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.measurements import ImuSample
 from ruledgraph.core.settings import load_config
@@ -285,6 +286,36 @@ def test_the_time_offset_can_be_given(recording, tmp_path):
     assert summary["inputs"]["time offset"] == "-0.012"
     assert summary["time_offset"]["s"] == summary["time_offset"]["given_s"] == -0.012
     assert not summary["time_offset"]["estimated"]
+
+
+def test_the_calibration_as_found_can_be_given_to_the_next_run(recording, tmp_path):
+    arguments = ("--calibration", recording / "calib.yaml", "--duration", 2.5)
+    result = smooth(recording / "small.bag", *arguments, "--output", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    found, given = (
+        read_calibration(path)
+        for path in (tmp_path / "out" / "calibration.yaml", recording / "calib.yaml")
+    )
+    np.testing.assert_allclose(
+        found.body_T_cam.inverse().matrix(), summary["extrinsics"]["T_cam_imu"], atol=1e-12
+    )
+    assert found.time_offset == summary["time_offset"]["s"]
+    turn = given.body_T_cam.rotation().between(found.body_T_cam.rotation()).axisAngle()[1]
+    assert np.degrees(turn) == pytest.approx(summary["extrinsics"]["rotation_deg"], abs=1e-6)
+    # The simulator's is exact.
+    assert turn < np.radians(0.3)
+    assert found.camera == given.camera
+
+
+def test_the_extrinsics_can_be_held(recording, tmp_path):
+    arguments = ("--calibration", recording / "calib.yaml", "--duration", 1.0)
+    held = ("--set", "extrinsics.estimate=false")
+    result = smooth(recording / "small.bag", *arguments, *held, "--output", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "Extrinsics   as given, not estimated" in result.output
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["extrinsics"] == {"estimated": False}
 
 
 def test_the_readout_can_be_given(recording, tmp_path):

@@ -1,0 +1,66 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a run has found of the calibration: for the summary, and as a file to use from then on."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ruledgraph.calibration import write_kalibr
+from ruledgraph.calibration.camera_mounting import turned_by
+from ruledgraph.odometry import Odometry
+
+
+def calibration_summary(odometry: Odometry) -> dict[str, Any]:
+    """Time offset, extrinsics and readout: what was given and found."""
+    readout = odometry.calibration.readout
+    rolling = {"readout_s": readout} if readout else {}
+    found = {"time_offset": _time_offset(odometry), "extrinsics": _extrinsics(odometry)}
+    return found | rolling
+
+
+def write_found_calibration(odometry: Odometry, path: Path) -> None:
+    """Write the calibration with the time offset and the extrinsics as they are known by now.
+
+    Raises:
+        CalibrationError: when it cannot be written.
+    """
+    offset = odometry.time_offset.value
+    found = dataclasses.replace(odometry.mounting.calibration, time_offset=offset)
+    write_kalibr(found, path)
+
+
+def _time_offset(odometry: Odometry) -> dict[str, Any]:
+    """In s."""
+    value, sigma = odometry.time_offset
+    found = odometry.clock_search.found
+    return {
+        "s": value,
+        "sigma_s": sigma,
+        "estimated": odometry.config.time_offset.estimate,
+        "given_s": odometry.calibration.time_offset,
+        "images_s": None if found is None else found.value,
+        "images_sigma_s": None if found is None else found.sigma,
+        "images_used": odometry.clock_search.used,
+    }
+
+
+def _extrinsics(odometry: Odometry) -> dict[str, Any]:
+    """How far the camera is from where the calibration has it, and the pose found."""
+    mounting, given = odometry.mounting, odometry.calibration.body_T_cam
+    known = mounting.extrinsics
+    if known is None:
+        return {"estimated": False}
+    angle, sigma = turned_by(given, known)
+    moved = given.between(known.body_T_cam).translation()
+    variances = np.linalg.eigvalsh(known.covariance[3:, 3:])
+    return {
+        "estimated": True,
+        "rotation_deg": float(np.degrees(angle)),
+        "sigma_rotation_deg": float(np.degrees(sigma)),
+        "translation_m": float(np.linalg.norm(moved)),
+        "sigma_translation_m": float(np.sqrt(variances[-1])),
+        "T_cam_imu": known.body_T_cam.inverse().matrix().tolist(),
+    }
