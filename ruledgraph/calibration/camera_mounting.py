@@ -8,6 +8,7 @@ import gtsam
 import numpy as np
 
 from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import ExtrinsicsConfig
 from ruledgraph.core.extrinsics import Extrinsics
 from ruledgraph.core.timing import Messages
@@ -40,6 +41,13 @@ class CameraMounting:
         if not self._config.estimate:
             return None
         return Extrinsics(self.calibration.body_T_cam, self._covariance)
+
+    def turn(self, body_R_cam: FloatArray) -> None:
+        """Take another rotation for the calibration's, whose translation may be in other axes."""
+        translation = self.calibration.body_T_cam.translation()
+        pose = gtsam.Pose3(gtsam.Rot3(body_R_cam), translation)
+        self.calibration = dataclasses.replace(self.calibration, body_T_cam=pose)
+        self._covariance[3:, 3:] += np.eye(3) * float(translation @ translation)
 
     def update(self, extrinsics: Extrinsics | None) -> None:
         """Take in an estimate."""

@@ -39,6 +39,9 @@ class ExtrinsicsConfig(Section):
     """How fast it turns: standard deviation after one second. A mounting gives and warms up ..."""
     translation_random_walk: float = number(1e-4, "m", 1e-7, 0.01)
     """... and the same of its translation."""
+    from_images: bool = False
+    """Whether a rotation that fits the images far better, with axes exchanged or the other way
+    round, replaces the calibration's before the start."""
     settled_sigma: float = number(3e-3, "rad", 1e-6, 0.1)
     """The rotation is settled when its deviation is below this about every axis."""
     warn_rotation: float = number(8.7e-3, "rad", 1e-6, 1.0)

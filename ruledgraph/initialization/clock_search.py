@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""When the clock offset is looked for in a stream, and what is done with it.
+"""When clock offset and mounting are looked for in a stream, and what is done with them.
 
 From the first images of a segment on until it is found: before the start, and where that was at
 rest in the first second that turns. It is used where it differs significantly from what was known.
@@ -9,7 +9,7 @@ rest in the first second that turns. It is used where it differs significantly f
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.core.config import Config
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.core.timing import Messages
@@ -25,14 +25,14 @@ _SIGNIFICANT = 3.0
 class ClockSearch:
     """Looks for the clock offset until the images of a segment have shown it."""
 
-    def __init__(self, calibration: Calibration, config: Config, warnings: Messages) -> None:
+    def __init__(self, mounting: CameraMounting, config: Config, warnings: Messages) -> None:
         self.config = config
         """All settings, the offset's standard deviation being what is left after one was found."""
         self.found: ClockOffset | None = None
         """The last one, whether used or not."""
         self.used = False
         """Whether frames were timed with one that was found."""
-        self._calibration = calibration
+        self._mounting = mounting
         self._warnings = warnings
         self._finder: ClockOffsetFinder | None = None
         self._checked = False
@@ -42,7 +42,7 @@ class ClockSearch:
         """A segment has ended."""
         if self.config.time_offset.estimate:
             bias_sigma = self.config.start.gyroscope_bias
-            self._finder = ClockOffsetFinder(self._calibration, bias_sigma)
+            self._finder = ClockOffsetFinder(self._mounting.calibration, bias_sigma)
 
     def add_image(self, time: float, image: NDArray[np.uint8]) -> None:
         """The next image, with its stamp in s."""
@@ -91,9 +91,13 @@ class ClockSearch:
         """Once, when the images do not turn as the gyroscope says."""
         if self._checked or finder.count < finder.most:
             return
-        pairs = covered(finder.pairs, samples, self._calibration.time_offset)
+        calibration = self._mounting.calibration
+        pairs = covered(finder.pairs, samples, calibration.time_offset)
         bias_sigma = self.config.start.gyroscope_bias
-        mounting = check_mounting(pairs, samples, self._calibration, bias_sigma)
-        self._checked = mounting is not None
-        if mounting is not None and mounting.wrong:
-            self._warnings.append(mounting.text)
+        check = check_mounting(pairs, samples, calibration, bias_sigma)
+        self._checked = check is not None
+        if check is not None and check.wrong:
+            self._warnings.append(check.text)
+            if self.config.extrinsics.from_images:
+                self._mounting.turn(check.other_body_R_cam)
+                self.restart()

@@ -29,7 +29,9 @@ class MountingCheck(NamedTuple):
     error: float
     """How far points miss the gyroscope's turns with it, px."""
     other: float
-    """The same of the best of the other mountings, px."""
+    """The same of the best of the other mountings, px ..."""
+    other_body_R_cam: FloatArray
+    """... and that one, (3, 3)."""
 
     @property
     def wrong(self) -> bool:
@@ -41,8 +43,14 @@ class MountingCheck(NamedTuple):
         """What to say then."""
         return (
             f"points miss the gyroscope's turning by {self.error:.2g} px, and by {self.other:.2g} "
-            "px with another mounting; is T_cam_imu the right way round, and of this camera?"
+            f"px with the rotation {self._rows} in T_cam_imu: is that the right way round, and of "
+            "this camera? (--set extrinsics.from_images=true takes this rotation)"
         )
+
+    @property
+    def _rows(self) -> str:
+        """Of T_cam_imu, to paste."""
+        return str(self.other_body_R_cam.T.round(4).tolist())
 
 
 def check_mounting(
@@ -76,7 +84,10 @@ def check_mounting(
         return fit.error(fit.best_at(offset))
 
     calibrated = calibration.body_T_cam.rotation().matrix()
-    return MountingCheck(error(calibrated), min(map(error, _others(calibrated))))
+    others = list(_others(calibrated))
+    errors = [error(mounting) for mounting in others]
+    best = int(np.argmin(errors))
+    return MountingCheck(error(calibrated), errors[best], others[best])
 
 
 def _others(calibrated: FloatArray) -> Iterator[FloatArray]:

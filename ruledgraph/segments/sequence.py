@@ -34,7 +34,7 @@ class SegmentSequence:
         """Of the last frame."""
         self.last_reliable: ReliableState | None = None
         """The last state whose lines fitted, where the next segment begins."""
-        self.clock_search = ClockSearch(calibration, config, stages.output.warnings)
+        self.clock_search = ClockSearch(stages.mounting, config, stages.output.warnings)
         """Of the time offset, by how the images turn."""
         self.initializer = Initializer(
             stages.mounting,

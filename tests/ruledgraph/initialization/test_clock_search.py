@@ -5,6 +5,7 @@
 import numpy as np
 import pytest
 
+from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.core.config import Config
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.core.timing import Messages
@@ -31,7 +32,8 @@ def test_what_the_images_say_is_used(known, by_window, used, monkeypatch):
     imu, warnings = ImuBuffer(), Messages()
     for time in (0.0, 0.005):
         imu.append(time, np.full(3, time), np.array([0.0, 0.0, 9.81]))
-    search = ClockSearch(D435I, Config(), warnings)
+    config = Config()
+    search = ClockSearch(CameraMounting(D435I, config.extrinsics, warnings), config, warnings)
     result = search.search(imu, known, by_window)
     assert (result is not None) == used == search.used == bool(warnings)
     assert search.found is FOUND

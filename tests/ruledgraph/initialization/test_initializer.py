@@ -34,8 +34,8 @@ class Run:
         rest = RestDetector(
             self.sensors.imu, self.sensors.frames, lambda *_: image_motion, config.rest
         )
-        clock_search = ClockSearch(CALIBRATION, config, self.output.warnings)
         mounting = CameraMounting(CALIBRATION, config.extrinsics, self.output.warnings)
+        clock_search = ClockSearch(mounting, config, self.output.warnings)
         self.initializer = Initializer(
             mounting, clock_search, self.sensors, front_end, rest, self.output.warnings
         )

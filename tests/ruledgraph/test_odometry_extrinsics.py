@@ -1,0 +1,59 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Calibrations whose T_cam_imu is off, by a little or grossly, in the whole odometry."""
+
+import dataclasses
+import re
+
+import gtsam
+import numpy as np
+import pytest
+
+from ruledgraph.core.settings import load_config
+from ruledgraph.odometry import Odometry
+from small_runs import ate
+from small_simulation import small_simulation, small_stream
+
+DURATION = 6.0
+
+
+def run(body_T_cam: gtsam.Pose3, *settings: str) -> tuple[Odometry, float]:
+    """The odometry at the end of a recording begun in motion, and its live ATE, m."""
+    stream, calibration = small_stream(moving=True, duration=DURATION)
+    calibration = dataclasses.replace(calibration, body_T_cam=body_T_cam)
+    odometry = Odometry(calibration, load_config(None, settings))
+    for measurement in stream:
+        odometry.add(measurement)
+    simulation = small_simulation(moving=True, duration=DURATION)
+    return odometry, ate(odometry.take_live(), simulation)
+
+
+def error_deg(odometry: Odometry, true: gtsam.Pose3) -> float:
+    found = odometry.mounting.calibration.body_T_cam
+    return float(np.degrees(true.rotation().between(found.rotation()).axisAngle()[1]))
+
+
+def test_a_rotation_that_is_off_by_three_degrees_is_found_and_told():
+    true = small_stream(moving=True, duration=DURATION)[1].body_T_cam
+    turn = gtsam.Rot3.Expmap(np.radians(3.0) * np.array([0.6, 0.0, 0.8]))
+    turned = true.compose(gtsam.Pose3(turn, np.zeros(3)))
+    odometry, error = run(turned)
+    assert error_deg(odometry, true) < 0.2
+    assert error < 0.01
+    told = re.search(r"turned by ([0-9.]+) deg \(deviation ([0-9.]+) deg", str(odometry.warnings))
+    assert told is not None
+    # It is told as soon as it is known well.
+    assert abs(float(told[1]) - 3.0) < 3.0 * float(told[2])
+    _, held = run(turned, "extrinsics.estimate=false")
+    assert held > 3.0 * error
+
+
+@pytest.mark.parametrize("axes", [[1, 2, 0], [2, 0, 1]])
+def test_exchanged_axes_are_told_and_replaced_on_request(axes):
+    true = small_stream(moving=True, duration=DURATION)[1].body_T_cam
+    exchanged = gtsam.Pose3(gtsam.Rot3(np.eye(3)[axes]), np.zeros(3))
+    odometry, error = run(true.compose(exchanged), "extrinsics.from_images=true")
+    (warning,) = (w for w in odometry.warnings if "in T_cam_imu" in w)
+    assert "px with the rotation [[" in warning
+    assert error_deg(odometry, true) < 0.3
+    assert error < 0.02
