@@ -7,6 +7,15 @@ from dataclasses import dataclass
 from functools import partial
 
 import faults as f
+from fault_images import (
+    blurred,
+    covered,
+    exposure_jumps,
+    moving_object,
+    of_images,
+    overlay,
+    textured_rectangle,
+)
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.measurements import Frame, ImuSample
 
@@ -70,18 +79,38 @@ def cases(recording: str, imu_limits: tuple[float, float]) -> Iterator[Case]:
     yield case("focal length off by 3%", calibrate=longer)
     yield case("IMU noise figures x10", calibrate=partial(f.scaled_noise, factor=10.0))
     yield case("IMU noise figures /10", calibrate=partial(f.scaled_noise, factor=0.1))
-    jumps = f.exposure_jumps((1.0, 0.4, 1.7), 0.8)
-    yield case("exposure jumps", f.of_images(jumps, 0.0, _ALL))
+    jumps = exposure_jumps((1.0, 0.4, 1.7), 0.8)
+    yield case("exposure jumps", of_images(jumps, 0.0, _ALL))
     for pixels in (9, 25):
-        yield case(f"images blurred over {pixels} px", f.of_images(f.blurred(pixels), 0.0, _ALL))
-    yield case("blank wall for 2 s", f.of_images(f.covered(150, 2.0), 4.0, 2.0))
-    yield case("blank wall for 0.5 s", f.of_images(f.covered(150, 2.0), 4.0, 0.5))
-    yield case("lens covered for 2 s", f.of_images(f.covered(), 4.0, 2.0))
-    yield case("lens covered from the start for 2 s", f.of_images(f.covered(), 0.0, 2.0))
+        yield case(f"images blurred over {pixels} px", of_images(blurred(pixels), 0.0, _ALL))
+    yield case("blank wall for 2 s", of_images(covered(150, 2.0), 4.0, 2.0))
+    yield case("blank wall for 0.5 s", of_images(covered(150, 2.0), 4.0, 0.5))
+    yield case("lens covered for 2 s", of_images(covered(), 4.0, 2.0))
+    yield case("lens covered from the start for 2 s", of_images(covered(), 0.0, 2.0))
     yield case("camera hangs for 1 s", f.repeated(Frame, 4.0, 1.0))
     yield case("IMU hangs for 0.5 s", f.repeated(ImuSample, 4.0, 0.5))
     yield case("IMU saturated", f.saturated(*imu_limits))
     yield case("0.2% of the IMU samples spikes of 3 rad/s", f.spikes(0.002, 3.0))
-    yield case("moving board before a third", f.of_images(f.moving_object(), 0.0, _ALL))
-    halves = f.of_images(f.moving_object(), 4.0, _ALL)
+    yield case("moving board before a third", of_images(moving_object(), 0.0, _ALL))
+    yield case("overlay in all images", of_images(overlay(), 0.0, _ALL))
+    poster = of_images(textured_rectangle(), 0.0, _ALL)
+    yield case("poster drifts before a third of the scene", poster)
+    step = f.bias_step(4.0, accelerometer=0.3)
+    yield case("accelerometer's bias steps by 0.3 m/s^2", step)
+    ramp = f.bias_step(4.0, gyroscope_ramp=0.02)
+    yield case("gyroscope's bias ramps by 0.02 rad/s^2", ramp)
+    halves = of_images(moving_object(), 4.0, _ALL)
     yield case("moving board comes after 4 s", halves)
+
+
+def lift_cases(recording: str) -> Iterator[Case]:
+    """On a recording of a body that rests for its first seconds."""
+    for acceleration in (0.1, 0.5, 1.0):
+        lifted = f.lift(2.0, acceleration, 6.0)
+        yield Case(recording, f"at rest in a lift of {acceleration:g} m/s^2", lifted)
+
+
+def other_camera_case(recording: str, other: Calibration) -> Case:
+    """A calibration with the figures of the rig's other camera."""
+    exchanged = partial(f.other_camera, other=other)
+    return Case(recording, "calibration of the rig's other camera", calibrate=exchanged)

@@ -16,7 +16,7 @@ from ruledgraph.simulation.lighting import Lamp, light
 from ruledgraph.simulation.materials import plain
 from ruledgraph.simulation.motion import PathMotion
 from ruledgraph.simulation.motions import MOTIONS, WORLD_R_CAM
-from ruledgraph.simulation.paths import standstill, to_and_fro
+from ruledgraph.simulation.paths import Legs, standstill, to_and_fro
 from ruledgraph.simulation.scene import Surface, panel, shell
 from ruledgraph.simulation.scenes import make_scene
 from ruledgraph.simulation.write import Files, write_simulation
@@ -27,6 +27,7 @@ _LAMPS = (Lamp((-0.6, 1.0, 5.0), 50.0, 0.6),)
 _TALL = 10.0
 _RATE = 30.0
 _REST = 12.0
+_CORRIDOR_VELOCITY = (1.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,13 @@ def _pure_rotation(duration: float) -> Motion:
     return PathMotion(*paths, WORLD_R_CAM, D435I.body_T_cam.rotation().matrix(), duration)
 
 
+def _constant_velocity(duration: float) -> Motion:
+    """Along a corridor's lines, from the beginning, without a turn."""
+    ahead = Legs(1e6, np.zeros(3), _CORRIDOR_VELOCITY, [])
+    mounting = D435I.body_T_cam.rotation().matrix()
+    return PathMotion(ahead, standstill(), WORLD_R_CAM, mounting, duration, moving_start=True)
+
+
 def make(name: str, seconds: float = 8.0) -> Simulation:
     """A recording by its name, one of `NAMES`."""
     scene = make_scene("noncoplanar_cluttered")
@@ -118,6 +126,8 @@ def make(name: str, seconds: float = 8.0) -> Simulation:
         motion = _pure_rotation(seconds)
     elif name == "long rest":
         motion = _free(0, _REST + seconds, _LongRest)
+    elif name == "corridor at constant velocity":
+        scene, motion = make_scene("corridor"), _constant_velocity(seconds)
     elif name == "start in motion":
         return simulate(scene, "free", rate=_RATE, duration=seconds, moving_start=True)
     return simulate(scene, motion, rate=_RATE)
@@ -131,6 +141,7 @@ NAMES = (
     "vertical lines only",
     "all lines parallel",
     "one line",
+    "corridor at constant velocity",
 )
 
 
@@ -143,6 +154,12 @@ def cached(name: str, folder: Path) -> Source:
             path.unlink(missing_ok=True)
         write_simulation(make(name), out, "rosbag1")
     return Source(files)
+
+
+def right_camera(data: Path) -> Calibration | None:
+    """The other camera of the real recording's rig, where its calibration is beside the data."""
+    path = data.parent / "euroc_MH_01_stereo_30s" / "MH_01_stereo_30s.calib.yaml"
+    return read_calibration(path, camera="cam1") if path.is_file() else None
 
 
 def real(data: Path, start: float, duration: float) -> Source:

@@ -11,16 +11,13 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
-import cv2
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
 from ruledgraph.calibration.sensors import Calibration, ImuNoise
 from ruledgraph.core.measurements import Frame, Gap, ImuSample, Measurement
 
 Fault = Callable[[Iterable[Measurement]], Iterator[Measurement]]
-Image = NDArray[np.uint8]
 
 _NS = 1e9
 
@@ -63,7 +60,7 @@ def silent_imu(start: float, length: float, every: float | None = None) -> Fault
     """
 
     def apply(measurements: Iterable[Measurement]) -> Iterator[Measurement]:
-        for time, m in _timed(measurements):
+        for time, m in timed(measurements):
             phase = time - start if every is None or time < start else (time - start) % every
             if not (isinstance(m, ImuSample) and 0.0 <= phase < length):
                 yield m
@@ -98,7 +95,7 @@ def late(kind: type[Frame] | type[ImuSample], seconds: float, share: float, seed
     def apply(measurements: Iterable[Measurement]) -> Iterator[Measurement]:
         rng = np.random.default_rng([seed, 3])
         waiting: deque[tuple[float, Measurement]] = deque()
-        for time, m in _timed(measurements):
+        for time, m in timed(measurements):
             while waiting and waiting[0][0] <= time:
                 yield waiting.popleft()[1]
             if isinstance(m, kind) and rng.random() < share:
@@ -154,7 +151,7 @@ def repeated(kind: type[Frame] | type[ImuSample], start: float, length: float) -
 
     def apply(measurements: Iterable[Measurement]) -> Iterator[Measurement]:
         last: Frame | ImuSample | None = None
-        for time, m in _timed(measurements):
+        for time, m in timed(measurements):
             if isinstance(m, kind) and last is not None and start <= time < start + length:
                 again = _stamp(m)
                 yield (
@@ -166,6 +163,51 @@ def repeated(kind: type[Frame] | type[ImuSample], start: float, length: float) -
             if isinstance(m, (Frame, ImuSample)) and isinstance(m, kind):
                 last = m
             yield m
+
+    return apply
+
+
+def bias_step(
+    start: float, accelerometer: float = 0.0, gyroscope_ramp: float = 0.0, seed: int = 0
+) -> Fault:
+    """Biases change from `start` on, along a direction of the body drawn from the seed.
+
+    The accelerometer's jumps, m/s^2; the gyroscope's grows, rad/s^2.
+    """
+
+    def apply(measurements: Iterable[Measurement]) -> Iterator[Measurement]:
+        direction = np.random.default_rng([seed, 5]).normal(size=3)
+        direction /= np.linalg.norm(direction)
+        for time, m in timed(measurements):
+            if isinstance(m, ImuSample) and time >= start:
+                rate = m.gyroscope + gyroscope_ramp * (time - start) * direction
+                yield ImuSample(m.stamp, rate, m.accelerometer + accelerometer * direction)
+            else:
+                yield m
+
+    return apply
+
+
+def lift(start: float, acceleration: float, length: float) -> Fault:
+    """Of a body that rests in a lift, from `start` for `length`: the IMU feels what the images do
+    not show.
+
+    The lift accelerates upwards by `acceleration` (m/s^2) for a quarter of the time, goes on, and
+    slows down for the last quarter. Upwards is where the accelerometer points before.
+    """
+
+    def apply(measurements: Iterable[Measurement]) -> Iterator[Measurement]:
+        total = np.zeros(3)
+        for time, m in timed(measurements):
+            if not isinstance(m, ImuSample):
+                yield m
+                continue
+            if time < start:
+                total += m.accelerometer
+            phase = (time - start) / length
+            sign = float(0.0 <= phase < 0.25) - float(0.75 <= phase < 1.0)
+            up = total / max(float(np.linalg.norm(total)), 1e-9)
+            yield m._replace(accelerometer=m.accelerometer + sign * acceleration * up)
 
     return apply
 
@@ -185,82 +227,6 @@ def spikes(share: float, size: float, seed: int = 0) -> Fault:
     return apply
 
 
-# -- images ----------------------------------------------------------------------------------------
-
-
-def of_images(change: Callable[[Image, float], Image], start: float, length: float) -> Fault:
-    """Change the images from `start` for `length`; `change` is given the time."""
-
-    def apply(measurements: Iterable[Measurement]) -> Iterator[Measurement]:
-        for time, m in _timed(measurements):
-            if isinstance(m, Frame) and start <= time < start + length:
-                yield Frame(m.stamp, change(m.image, time))
-            else:
-                yield m
-
-    return apply
-
-
-def exposure_jumps(gains: tuple[float, ...], every: float) -> Callable[[Image, float], Image]:
-    """The brightness jumps from one gain to the next, `every` so many seconds."""
-
-    def change(image: Image, time: float) -> Image:
-        return np.asarray(
-            cv2.convertScaleAbs(image, alpha=gains[int(time / every) % len(gains)]), np.uint8
-        )
-
-    return change
-
-
-def blurred(pixels: int) -> Callable[[Image, float], Image]:
-    """As by a long exposure: smeared so far, in a direction that turns."""
-
-    def change(image: Image, time: float) -> Image:
-        kernel = np.zeros((pixels, pixels), np.float32)
-        half = 0.5 * (pixels - 1)
-        reach = half * np.array([np.cos(3.0 * time), np.sin(3.0 * time)])
-        ends = [np.round(half + sign * reach).astype(int).tolist() for sign in (-1.0, 1.0)]
-        cv2.line(kernel, ends[0], ends[1], 1.0)
-        return np.asarray(cv2.filter2D(image, -1, kernel / kernel.sum()), np.uint8)
-
-    return change
-
-
-def covered(grey: int = 0, noise: float = 1.0) -> Callable[[Image, float], Image]:
-    """A hand before the lens, or a blank wall: one grey and the sensor's noise."""
-
-    def change(image: Image, time: float) -> Image:
-        rng = np.random.default_rng(round(time * _NS))
-        return np.clip(grey + noise * rng.standard_normal(image.shape), 0, 255).astype(np.uint8)
-
-    return change
-
-
-def moving_object(width: float = 1 / 3, speed: float = 0.15) -> Callable[[Image, float], Image]:
-    """A striped board as wide as `width` of the image goes to and fro before the scene.
-
-    Its edges are straight and move by `speed` image widths a second.
-    """
-
-    def change(image: Image, time: float) -> Image:
-        rows, columns = image.shape
-        board = round(width * columns)
-        u = (time * speed / (1.0 - width)) % 2.0
-        first = (1.0 - width) * columns * (u if u < 1.0 else 2.0 - u)
-        stripes = np.full((rows, board), 210, np.uint8)
-        for i in range(0, board, max(board // 4, 1)):
-            stripes[:, i : i + max(board // 8, 1)] = 40
-        changed = image.copy()
-        # By whole and half pixels alike.
-        shift = np.array([[1.0, 0.0, first], [0.0, 1.0, 0.0]])
-        cover = cv2.warpAffine(np.ones_like(stripes, np.float32), shift, (columns, rows))
-        there = cv2.warpAffine(stripes.astype(np.float32), shift, (columns, rows))
-        changed[...] = np.clip(image * (1.0 - cover) + there, 0, 255)
-        return changed
-
-    return change
-
-
 # -- calibration -----------------------------------------------------------------------------------
 
 
@@ -277,6 +243,11 @@ def moved_camera(calibration: Calibration, metres: float) -> Calibration:
     shift = metres * np.array([1.0, -1.0, 1.0]) / np.sqrt(3.0)
     moved = gtsam.Pose3(pose.rotation(), pose.translation() + shift)
     return replace(calibration, body_T_cam=moved)
+
+
+def other_camera(calibration: Calibration, other: Calibration) -> Calibration:
+    """The figures of another camera of the rig."""
+    return replace(calibration, camera=other.camera, body_T_cam=other.body_T_cam)
 
 
 def scaled_noise(calibration: Calibration, factor: float) -> Calibration:
@@ -299,7 +270,8 @@ def _stamp(measurement: Measurement) -> int:
     return measurement.stop if isinstance(measurement, Gap) else measurement.stamp
 
 
-def _timed(measurements: Iterable[Measurement]) -> Iterator[tuple[float, Measurement]]:
+def timed(measurements: Iterable[Measurement]) -> Iterator[tuple[float, Measurement]]:
+    """Measurements with their times, s after the first."""
     first: int | None = None
     for m in measurements:
         first = _stamp(m) if first is None else first

@@ -5,6 +5,7 @@
 import numpy as np
 import pytest
 
+import fault_images
 import faults
 from recordings import SECOND, T0, fields, sequence
 from ruledgraph.core.measurements import Frame, ImuSample
@@ -85,28 +86,63 @@ def test_images_change_only_in_their_time():
     image = np.full((48, 64), 100, np.uint8)
     stream = [Frame(m.stamp, image) if isinstance(m, Frame) else m for m in STREAM]
     for change in (
-        faults.exposure_jumps((0.5,), 1.0),
-        faults.covered(),
-        faults.moving_object(),
+        fault_images.exposure_jumps((0.5,), 1.0),
+        fault_images.covered(),
+        fault_images.moving_object(),
+        fault_images.overlay(),
+        fault_images.textured_rectangle(),
     ):
-        given = list(faults.of_images(change, 1.0, 1.0)(stream))
+        given = list(fault_images.of_images(change, 1.0, 1.0)(stream))
         for m in given:
             if isinstance(m, Frame):
                 changed = not np.array_equal(m.image, image)
                 assert changed == (1.0 <= (m.stamp - T0) / 1e9 < 2.0)
     dot = np.zeros((48, 64), np.uint8)
     dot[24, 32] = 250
-    smeared = faults.blurred(9)(dot, 0.0)
+    smeared = fault_images.blurred(9)(dot, 0.0)
     assert (smeared > 0).sum() == 9
     assert smeared[24, 28:37].min() > 20
 
 
 def test_the_board_covers_a_third_and_moves():
     image = np.full((48, 90), 100, np.uint8)
-    board = faults.moving_object()
+    board = fault_images.moving_object()
     covers = [np.flatnonzero((board(image, time) != 100).any(axis=0)) for time in (0.0, 1.0, 2.0)]
     assert all(29 <= len(columns) <= 31 for columns in covers)
     assert [columns[0] for columns in covers] == pytest.approx([0, 13.5, 27], abs=1)
+
+
+def test_the_poster_drifts_and_the_overlay_does_not():
+    image = np.full((50, 100), 1, np.uint8)
+    poster = fault_images.textured_rectangle(0.6, 0.6, speed=0.1)
+    covers = [np.argwhere(poster(image, time) != 1) for time in (0.0, 1.0)]
+    assert [cover[:, 1].min() for cover in covers] == [0, 10]
+    assert [cover[:, 1].max() - cover[:, 1].min() for cover in covers] == [59, 59]
+    assert [cover[:, 0].max() - cover[:, 0].min() for cover in covers] == [29, 29]
+    overlay = fault_images.overlay()
+    np.testing.assert_array_equal(overlay(image, 0.0), overlay(image, 5.0))
+    assert 0.01 < np.mean(overlay(image, 0.0) != 1) < 0.5
+
+
+def test_biases_that_change():
+    given = [m for m in faults.bias_step(1.0, 0.3, 0.02)(STREAM) if isinstance(m, ImuSample)]
+    for m, before in zip(given, SAMPLES, strict=True):
+        time = max((m.stamp - T0) / 1e9 - 1.0, 0.0)
+        there = 0.3 if m.stamp >= T0 + SECOND else 0.0
+        assert np.linalg.norm(m.accelerometer - before.accelerometer) == pytest.approx(there)
+        assert np.linalg.norm(m.gyroscope - before.gyroscope) == pytest.approx(0.02 * time)
+
+
+def test_a_lift_ends_as_fast_as_it_began():
+    still = [
+        m._replace(accelerometer=np.array([0.0, 6.0, 8.0])) if isinstance(m, ImuSample) else m
+        for m in STREAM
+    ]
+    given = [m for m in faults.lift(1.0, 0.5, 2.0)(still) if isinstance(m, ImuSample)]
+    felt = np.array([m.accelerometer - [0.0, 6.0, 8.0] for m in given])
+    np.testing.assert_allclose(felt.sum(axis=0), 0.0, atol=1e-9)
+    np.testing.assert_allclose(felt[120], [0, 0.3, 0.4])
+    assert (np.abs(felt).max(axis=1) > 0.0).sum() == 100
 
 
 def test_calibrations():
@@ -118,6 +154,8 @@ def test_calibrations():
     assert faults.scaled_noise(D435I, 10.0).imu_noise.gyroscope == pytest.approx(
         10.0 * D435I.imu_noise.gyroscope
     )
+    other = faults.other_camera(D435I, turned_camera := faults.turned_camera(D435I, 2.0))
+    assert other.body_T_cam is turned_camera.body_T_cam
     assert faults.scaled_focal_length(D435I, 1.03).camera.fx == D435I.camera.fx * 1.03
 
 
