@@ -16,7 +16,7 @@ from ruledgraph.simulation.lighting import Lamp, light
 from ruledgraph.simulation.materials import plain
 from ruledgraph.simulation.motion import PathMotion
 from ruledgraph.simulation.motions import MOTIONS, WORLD_R_CAM
-from ruledgraph.simulation.paths import Legs, standstill, to_and_fro
+from ruledgraph.simulation.paths import Legs, VelocityChange, standstill, to_and_fro
 from ruledgraph.simulation.scene import Surface, panel, shell
 from ruledgraph.simulation.scenes import make_scene
 from ruledgraph.simulation.write import Files, write_simulation
@@ -107,7 +107,8 @@ def _pure_rotation(duration: float) -> Motion:
 
 def _constant_velocity(duration: float) -> Motion:
     """Along a corridor's lines, from the beginning, without a turn."""
-    ahead = Legs(1e6, np.zeros(3), _CORRIDOR_VELOCITY, [])
+    never = VelocityChange(2.0 * duration, 1.0, np.zeros(3))
+    ahead = Legs(4.0 * duration, np.zeros(3), _CORRIDOR_VELOCITY, [never])
     mounting = D435I.body_T_cam.rotation().matrix()
     return PathMotion(ahead, standstill(), WORLD_R_CAM, mounting, duration, moving_start=True)
 
