@@ -105,9 +105,9 @@ class FrontEnd:
         """The tracks as of the last frame."""
         return self.tracker.observed()
 
-    def image_motion(self, since: int, min_lines: int) -> float:
+    def image_motion(self, since: int, at_rest: float, min_lines: int) -> float:
         """See `Tracker.image_motion`."""
-        return self.tracker.image_motion(since, min_lines)
+        return self.tracker.image_motion(since, at_rest, min_lines)
 
     def mark_lost(self, ids: Collection[int]) -> None:
         """Follow these tracks no longer."""

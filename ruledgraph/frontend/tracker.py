@@ -19,6 +19,7 @@ from ruledgraph.frontend.duplicates import duplicates, first_of_duplicates
 from ruledgraph.frontend.edge_batch import Edges, Rulings, clipped, search_all, stacked
 from ruledgraph.frontend.edge_search import normal_of
 from ruledgraph.frontend.gradient import Gradient
+from ruledgraph.frontend.image_motion import image_motion
 from ruledgraph.frontend.rolling_edges import (
     RowMoves,
     capped_statistics,
@@ -194,19 +195,22 @@ class Tracker:
         same = duplicates(own, own, self._camera.focal_length, self._config)
         self.tracks = [tracks[i] for i in first_of_duplicates(same)]
 
-    def image_motion(self, since: int, min_lines: int = 1) -> float:
-        """Median distance that lines moved across themselves since a frame, px; inf if fewer than
-        `min_lines` were seen in it and now.
+    def image_motion(self, since: int, at_rest: float, min_lines: int = 1) -> float:
+        """How far lines moved across themselves since a frame, px, see the module `image_motion`;
+        inf if fewer than `min_lines` were seen in it and now. `at_rest`: they moved less, px.
         """
-        moved = []
+        lines, moved = [], []
         for track in self.tracks:
             then = next((s for s in reversed(track.sightings) if s.stamp <= since), None)
             if then is not None and then.stamp == since and track.misses == 0:
                 old, new = then.points, track.sightings[-1].points
                 normal = normal_of(old[[0, -1]])
                 moved.append(abs(float((new.mean(axis=0) - old.mean(axis=0)) @ normal)))
-        few = len(moved) < min_lines
-        return np.inf if few else float(np.median(moved)) * self._camera.focal_length
+                lines.append([*normal, -float(normal @ old.mean(axis=0))])
+        if len(moved) < max(min_lines, 1):
+            return np.inf
+        in_px = np.array(moved) * self._camera.focal_length
+        return image_motion(np.array(lines), in_px, at_rest, min_lines)
 
     def start_new(
         self,

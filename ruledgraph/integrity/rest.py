@@ -17,8 +17,7 @@ class RestDetector:
     Args:
         imu: the samples.
         frames: their times.
-        image_motion: of the lines since the frame of a stamp, px, by no fewer than a number of
-            them, see `Tracker.image_motion`.
+        image_motion: of the lines since the frame of a stamp, px, see `Tracker.image_motion`.
         config: what rest shows.
     """
 
@@ -26,7 +25,7 @@ class RestDetector:
         self,
         imu: ImuBuffer,
         frames: FrameHistory,
-        image_motion: Callable[[int, int], float],
+        image_motion: Callable[[int, float, int], float],
         config: RestConfig,
     ) -> None:
         self._config = config
@@ -59,7 +58,8 @@ class RestDetector:
         frame = self._frames.at(since)
         if frame is None:
             return np.inf
-        return self._image_motion(frame.stamp, self._config.min_lines)
+        config = self._config
+        return self._image_motion(frame.stamp, config.image_motion_px, config.min_lines)
 
     def image_rests(self) -> bool:
         """Whether the image has rested until the last frame; without frames to compare it may."""

@@ -17,7 +17,7 @@ def is_still(made: IdealTracks, image_motion: float, since: float | None = None)
         frames.append(FrameTime(stamp, time))
     asked = []
 
-    def motion(stamp: int, _min_lines: int) -> float:
+    def motion(stamp: int, _at_rest: float, _min_lines: int) -> float:
         asked.append(stamp)
         return image_motion
 
