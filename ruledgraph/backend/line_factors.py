@@ -87,8 +87,8 @@ def observation(
     state, rest = (X(k), V(k), B(k)), (motion, line.chart, compressed)
     extrinsics = interval.extrinsics
     body_T_cam = model.body_T_cam if extrinsics is None else extrinsics.body_T_cam
-    # At rest the noise of the IMU would make the mounting look observable.
-    free = None if extrinsics is None or interval.still else extrinsics.key
+    # At rest, too: lines placed with a given mounting would hold it there.
+    free = None if extrinsics is None else extrinsics.key
     clock = None if motion.time_jacobian is None else interval.time_offset
     if clock is not None and free is not None:
         factor = ruled_surface_factor_with_time_offset_and_extrinsics(

@@ -17,14 +17,14 @@ from small_simulation import small_simulation, small_stream
 DURATION = 6.0
 
 
-def run(body_T_cam: gtsam.Pose3, *settings: str) -> tuple[Odometry, float]:
-    """The odometry at the end of a recording begun in motion, and its live ATE, m."""
-    stream, calibration = small_stream(moving=True, duration=DURATION)
+def run(body_T_cam: gtsam.Pose3, *settings: str, moving: bool = True) -> tuple[Odometry, float]:
+    """The odometry at the end of a recording begun in motion, or at rest, and its live ATE, m."""
+    stream, calibration = small_stream(moving=moving, duration=DURATION)
     calibration = dataclasses.replace(calibration, body_T_cam=body_T_cam)
     odometry = Odometry(calibration, load_config(None, settings))
     for measurement in stream:
         odometry.add(measurement)
-    simulation = small_simulation(moving=True, duration=DURATION)
+    simulation = small_simulation(moving=moving, duration=DURATION)
     return odometry, ate(odometry.take_live(), simulation)
 
 
@@ -33,18 +33,19 @@ def error_deg(odometry: Odometry, true: gtsam.Pose3) -> float:
     return float(np.degrees(true.rotation().between(found.rotation()).axisAngle()[1]))
 
 
-def test_a_rotation_that_is_off_by_three_degrees_is_found_and_told():
+@pytest.mark.parametrize("moving", [True, False])
+def test_a_rotation_that_is_off_by_three_degrees_is_found_and_told(moving):
     true = small_stream(moving=True, duration=DURATION)[1].body_T_cam
     turn = gtsam.Rot3.Expmap(np.radians(3.0) * np.array([0.6, 0.0, 0.8]))
     turned = true.compose(gtsam.Pose3(turn, np.zeros(3)))
-    odometry, error = run(turned)
+    odometry, error = run(turned, moving=moving)
     assert error_deg(odometry, true) < 0.2
     assert error < 0.01
     told = re.search(r"turned by ([0-9.]+) deg \(deviation ([0-9.]+) deg", str(odometry.warnings))
     assert told is not None
     # It is told as soon as it is known well.
     assert abs(float(told[1]) - 3.0) < 3.0 * float(told[2])
-    _, held = run(turned, "extrinsics.estimate=false")
+    _, held = run(turned, "extrinsics.estimate=false", moving=moving)
     assert held > 3.0 * error
 
 
