@@ -126,9 +126,18 @@ def test_the_report_counts_how_often_the_truth_is_within_three_sigma():
     chosen = cases([defect], 2, 8.0)
     results = {case.key: made(error=0.5 if case.seed else 1.0) for case in chosen}
     lines = report([defect], 2, 8.0, results).splitlines()
-    assert len(lines) == 2 + 4 + 2
+    assert len(lines) == 2 + 4 + 1 + 2
     assert lines[2].startswith(f"| {REST} | clock offset, ms | 0 | 90 | 10 | 2.0 (2.0 to 2.0) |")
-    assert lines[-1] == "clock offset, ms: 4 of 8 runs within 3 sigma"
+    assert lines[-2] == "clock offset, ms, its own rows: 4 of 8 runs within 3 sigma"
+
+
+def test_all_rows_count_each_run_with_a_pose_once():
+    rate = Defect("rate", "frame rate, Hz", (5, 30))
+    chosen = cases([OFFSET, rate], 1, 8.0)
+    results = {case.key: made(frames=0.9 if case.twin.rate == 30 else 0.0) for case in chosen}
+    lines = report([OFFSET, rate], 1, 8.0, results).splitlines()
+    assert lines[-2] == "clock offset, ms, its own rows: 10 of 10 runs within 3 sigma"
+    assert lines[-1] == "clock offset, ms, all rows: 10 of 10 runs within 3 sigma"
 
 
 def test_a_recording_with_a_clock_offset_and_a_turned_camera():
