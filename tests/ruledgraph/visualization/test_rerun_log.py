@@ -3,6 +3,7 @@
 """`ruledgraph smooth --rerun`, read back from its file."""
 
 import csv
+import os
 import signal
 import socket
 import subprocess
@@ -208,14 +209,19 @@ def test_a_run_is_streamed_to_a_viewer(logged, recording, tmp_path):
         [program, "--save", received, "--port", str(port)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
+        start_new_session=True,
     ) as viewer:
         try:
             wait_for(port)
             url = f"rerun+http://127.0.0.1:{port}/proxy"
             result = smooth(recording, "--output", tmp_path / "run", "--rerun", url)
         finally:
-            viewer.send_signal(signal.SIGINT)
-            viewer.wait(20.0)
+            # The program starts another one; an interrupt may be ignored, as in a job of a shell.
+            os.killpg(viewer.pid, signal.SIGTERM)
+            try:
+                viewer.wait(20.0)
+            except subprocess.TimeoutExpired:
+                os.killpg(viewer.pid, signal.SIGKILL)
     assert result.exit_code == 0, result.output
     assert "\nRerun " not in result.output
     found = read_back(received)
