@@ -41,11 +41,16 @@ class EdgesConfig(Section):
     """Smallest slope across an edge: seven times what pixel noise of 1.5 grey levels leaves."""
     least_slope_share: float = number(0.3, "", 0.0, 1.0)
     """How much weaker than the line usually is a point may be."""
-    stripe_px: int = number(3, "px", 0, 50)
-    """An edge with one of the other polarity so near bounds a thin stripe and is left out. Blur
-    pushes the two apart, more the thinner the stripe: moving towards it would seem slower. With the
-    gradient's own, the blur of sharp images has a deviation of 1.4 to 1.6 px. Two such edges are
-    felt at this distance up to 5 px apart, where each is displaced by 0.03 px."""
+    stripe_angle: float = number(0.011, "rad", 0.0, 0.1)
+    """An edge with one of the other polarity within this angle bounds a thin stripe and is left
+    out: tracks confuse its edges, and blur moves them."""
+    stripe_px: int = number(5, "px", 0, 50)
+    """The most of that in the image: 5 px is the angle at a focal length of 450 px ..."""
+    stripe_blur_px: int = number(3, "px", 0, 50)
+    """... and the least. Blur pushes the edges of a stripe apart, more the thinner it is: moving
+    towards it would seem slower. With the gradient's own, the blur of sharp images has a deviation
+    of 1.4 to 1.6 px; two edges are felt at this distance up to 5 px apart, where each is displaced
+    by 0.03 px."""
     stripe_share: float = number(0.4, "", 0.0, 10.0)
     """How strong the other edge of such a stripe is at least, as a share of the one."""
     vote_px: float = number(1.0, "px", 0.1, 10.0)

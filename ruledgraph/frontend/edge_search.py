@@ -53,6 +53,13 @@ class EdgePoints(NamedTuple):
     """Another line in the band has almost as many points."""
 
 
+def scaled_to(camera: CameraModel, config: EdgesConfig) -> EdgesConfig:
+    """The settings as they apply to a camera: how far apart the edges of a thin stripe are, px."""
+    angle_px = round(config.stripe_angle * camera.focal_length)
+    stripe = min(config.stripe_px, max(config.stripe_blur_px, angle_px))
+    return config.model_copy(update={"stripe_px": stripe})
+
+
 def normal_of(ends: FloatArray) -> FloatArray:
     """Unit normal (..., 2) of segments (..., 2, 2): their direction turned from x towards y."""
     along = ends[..., 1, :] - ends[..., 0, :]

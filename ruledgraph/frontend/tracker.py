@@ -17,7 +17,7 @@ from ruledgraph.core.config import EdgesConfig, TracksConfig
 from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph.frontend.duplicates import duplicates, first_of_duplicates
 from ruledgraph.frontend.edge_batch import Edges, Rulings, clipped, search_all, stacked
-from ruledgraph.frontend.edge_search import normal_of
+from ruledgraph.frontend.edge_search import normal_of, scaled_to
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.image_motion import image_motion
 from ruledgraph.frontend.rolling_edges import (
@@ -43,7 +43,7 @@ class Tracker:
     def __init__(self, camera: CameraModel, edges: EdgesConfig, config: TracksConfig) -> None:
         self.tracks: list[Track] = []
         self._camera = camera
-        self._edges = edges
+        self._edges = edges = scaled_to(camera, edges)
         self._config = config
         max_rms = {"maxima": config.max_rms_px, "sobel": config.max_rms_sobel_px}
         self._max_rms = max_rms[edges.points]

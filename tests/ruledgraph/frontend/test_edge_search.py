@@ -2,13 +2,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from edge_images import CAMERA, edge_image, line_through
 from ruledgraph.calibration.sensors import CameraModel
-from ruledgraph.frontend.edge_search import Ruling, normal_of, search
+from ruledgraph.core.config import EdgesConfig
+from ruledgraph.frontend.edge_search import Ruling, normal_of, scaled_to, search
 from ruledgraph.frontend.gradient import Gradient
 
 BARREL = CameraModel(
@@ -142,6 +144,16 @@ def test_edges_of_a_thin_stripe_are_left_out_for_blur_moves_them():
     assert found is not None
     a, b = found.line
     assert abs(a + 0.5 * b) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("focal", "stripe_px"), [(900.0, 5), (450.0, 5), (360.0, 4), (229.0, 3), (100.0, 3)]
+)
+def test_stripes_are_thinner_in_small_images_but_blur_is_not(focal, stripe_px):
+    camera = replace(CAMERA, fx=focal, fy=focal)
+    assert scaled_to(camera, EdgesConfig()).stripe_px == stripe_px
+    assert scaled_to(camera, EdgesConfig(stripe_px=2)).stripe_px == 2
+    assert scaled_to(camera, EdgesConfig(stripe_angle=0.0)).stripe_px == 3
 
 
 def test_a_faint_neighbour_does_not_matter():
