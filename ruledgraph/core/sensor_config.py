@@ -43,7 +43,9 @@ class ExtrinsicsConfig(Section):
     """Whether a rotation that fits the images far better, with axes exchanged or the other way
     round, replaces the calibration's before the start."""
     settled_sigma: float = number(3e-3, "rad", 1e-6, 0.1)
-    """The rotation is settled when its deviation is below this about every axis."""
+    """The rotation is settled when its deviation is below this about every axis ..."""
+    settled_states: int = number(13, "", 1, 1000)
+    """... at so many states in a row: as many as a window of 2.5 s holds."""
     warn_rotation: float = number(8.7e-3, "rad", 1e-6, 1.0)
     """A settled rotation that far from the calibration's, half a degree, is worth a warning."""
 

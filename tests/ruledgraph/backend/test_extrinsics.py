@@ -100,6 +100,11 @@ def test_a_mounting_begins_with_the_calibration_and_keeps_what_is_found():
     mounting.update(None)
     assert mounting.extrinsics.body_T_cam is found.body_T_cam
     assert mounting.calibration == dataclasses.replace(CALIBRATION, body_T_cam=found.body_T_cam)
+    assert list(warnings) == []
+    for turn in [1.5] * (DEFAULTS.settled_states - 2) + [0.1] + [1.5] * DEFAULTS.settled_states:
+        # What passes is not told.
+        assert list(warnings) == []
+        mounting.update(Extrinsics(turned([0.0, turn, 0.0]), np.eye(6) * 1e-6))
     assert list(warnings) == [
         "the camera is turned by 1.5 deg (deviation 0.1 deg) from where the calibration has it on "
         "the IMU: correct T_cam_imu"
