@@ -21,7 +21,9 @@ class TimeOffsetConfig(Section):
     settled_sigma: float = number(1e-3, "s", 1e-6, 0.1)
     """An offset is settled when its deviation is below this ..."""
     settled_change: float = number(5e-4, "s", 1e-6, 0.1)
-    """... and the frames' times are no further from it."""
+    """... and the frames' times are no further from it ..."""
+    settled_states: int = number(13, "", 1, 1000)
+    """... at so many states in a row: as many as a window of 2.5 s holds."""
     warn_offset: float = number(3e-3, "s", 1e-6, 1.0)
     """A settled offset that far from the calibration's is worth a warning."""
 

@@ -34,6 +34,7 @@ class CameraClock:
         self._sensors = sensors
         self._calibrated = calibrated
         self._warnings = warnings
+        self._settled_states = 0
 
     def update(self, offset: TimeOffset | None, confirmed: bool) -> None:
         """Take in an estimate, counted from the calibration's; frames to come are timed by it once
@@ -45,7 +46,9 @@ class CameraClock:
         if not confirmed:
             return
         offset_correction, config = self._sensors.offset_correction, self._config
-        if message := offset_warning(offset_correction, offset, self._calibrated, config):
+        message = offset_warning(offset_correction, offset, self._calibrated, config)
+        self._settled_states = self._settled_states + 1 if message else 0
+        if message and self._settled_states >= config.settled_states:
             self._warnings.once("time offset", message)
         self._sensors.offset_correction = corrected_offset(offset_correction, offset, config)
 

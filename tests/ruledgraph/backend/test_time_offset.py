@@ -3,6 +3,7 @@
 """The time offset of the camera: estimated, reported, followed by the times of frames."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,8 +17,9 @@ from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Gap, Measurement
 from ruledgraph.core.settings import load_config
 from ruledgraph.core.time_offset import TimeOffset
+from ruledgraph.core.timing import Messages
 from ruledgraph.evaluation import alignment
-from ruledgraph.imu.camera_clock import corrected_offset, offset_warning
+from ruledgraph.imu.camera_clock import CameraClock, corrected_offset, offset_warning
 from ruledgraph.odometry import Odometry
 from simulated_window import hand_held
 from small_simulation import small_simulation, small_stream
@@ -137,7 +139,9 @@ def ate(estimates: list[Estimate], ms: int, moving: bool) -> float:
 
 @pytest.mark.parametrize(("ms", "moving"), [(-10, False), (10, True)], ids=["from rest", "moving"])
 def test_the_odometry_gets_over_stamps_that_are_off(ms, moving):
-    odometry, live = run(*shifted(ms, moving), ON)
+    # It rests for too long to stay settled for a window.
+    config = load_config(None, ["time_offset.settled_states=5"])
+    odometry, live = run(*shifted(ms, moving), config)
     value, sigma = odometry.time_offset
     assert 0.0 < sigma < 1e-3
     assert abs(value + 1e-3 * ms) < 3.0 * sigma
@@ -145,6 +149,18 @@ def test_the_odometry_gets_over_stamps_that_are_off(ms, moving):
     assert live[-1].time_offset.value == pytest.approx(value, abs=2.0 * sigma)
     assert ate(live, ms, moving) < 0.02  # as without an offset
     assert sum("timeshift_cam_imu" in warning for warning in odometry.warnings) == 1
+
+
+def test_an_offset_is_told_when_it_stays():
+    warnings, sensors = Messages(), SimpleNamespace(offset_correction=0.02)
+    clock = CameraClock(sensors, 0.0, ON.time_offset, warnings)
+    states = ON.time_offset.settled_states
+    for value in [0.02] * (states - 1) + [0.03] + [0.02] * states:
+        sensors.offset_correction = 0.02
+        assert list(warnings) == []
+        clock.update(TimeOffset(value, 1e-4), confirmed=True)
+    assert len(warnings) == 1
+    assert "frames are taken 20.0 ms after" in str(warnings)
 
 
 def test_it_counts_from_the_calibration():
