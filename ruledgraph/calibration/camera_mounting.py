@@ -34,7 +34,6 @@ class CameraMounting:
         )
         self._config = config
         self._warnings = warnings
-        self._settled_states = 0
 
     @property
     def extrinsics(self) -> Extrinsics | None:
@@ -58,9 +57,7 @@ class CameraMounting:
         self.calibration = dataclasses.replace(self.calibration, body_T_cam=pose)
         message = mounting_warning(self._given, extrinsics, self._config)
         # What first lines and other defects turn it by passes.
-        self._settled_states = self._settled_states + 1 if message else 0
-        if message and self._settled_states >= self._config.settled_states:
-            self._warnings.once("extrinsics", message)
+        self._warnings.lasting("extrinsics", message, self._config.settled_states)
 
 
 def turned_by(given: gtsam.Pose3, extrinsics: Extrinsics) -> tuple[float, float]:

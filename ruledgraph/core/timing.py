@@ -77,6 +77,7 @@ class Messages(list[str]):
         super().__init__()
         self.left_off = 0
         self._once: set[str] = set()
+        self._in_a_row: dict[str, int] = {}
         self._counts: dict[str, tuple[int, int, str]] = {}
 
     def append(self, message: str) -> None:
@@ -88,6 +89,14 @@ class Messages(list[str]):
         if kind not in self._once:
             self._once.add(kind)
             self.append(message)
+
+    def lasting(self, kind: str, message: str | None, times: int) -> None:
+        """Append the first message of a kind that has come so many times in a row, None between
+        them counting as its absence.
+        """
+        self._in_a_row[kind] = self._in_a_row.get(kind, 0) + 1 if message else 0
+        if message and self._in_a_row[kind] >= times:
+            self.once(kind, message)
 
     def counted(self, kind: str, message: str) -> None:
         """Append the first message of a kind, and how often it came when it comes again."""

@@ -34,7 +34,6 @@ class CameraClock:
         self._sensors = sensors
         self._calibrated = calibrated
         self._warnings = warnings
-        self._settled_states = 0
 
     def update(self, offset: TimeOffset | None, confirmed: bool) -> None:
         """Take in an estimate, counted from the calibration's; frames to come are timed by it once
@@ -47,9 +46,7 @@ class CameraClock:
             return
         offset_correction, config = self._sensors.offset_correction, self._config
         message = offset_warning(offset_correction, offset, self._calibrated, config)
-        self._settled_states = self._settled_states + 1 if message else 0
-        if message and self._settled_states >= config.settled_states:
-            self._warnings.once("time offset", message)
+        self._warnings.lasting("time offset", message, config.settled_states)
         self._sensors.offset_correction = corrected_offset(offset_correction, offset, config)
 
 

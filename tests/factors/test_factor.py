@@ -302,8 +302,8 @@ def test_factor_outlives_its_python_object_in_a_graph() -> None:
 def test_factor_can_be_cloned_and_copied_but_gtsam_cannot_rekey_it() -> None:
     case = random_case(0)
     factor = case.factor("node")
-    for twin in (factor.clone(), copy.copy(factor), copy.deepcopy(factor)):
-        assert twin is not factor
-        assert twin.error(case.values) == factor.error(case.values)
+    for copied in (factor.clone(), copy.copy(factor), copy.deepcopy(factor)):
+        assert copied is not factor
+        assert copied.error(case.values) == factor.error(case.values)
     with pytest.raises(RuntimeError, match="no clone"):
         factor.rekey([X(5), V(5), B(5), L(5)])

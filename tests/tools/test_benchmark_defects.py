@@ -7,10 +7,10 @@ import gtsam
 import numpy as np
 import pytest
 
-from benchmark_twins import DEFECTS, Defect, cases, cells, report
+from benchmark_defects import DEFECTS, Defect, cases, cells, report
+from defects import SCENES, Case, Result, Variation, figures, result_of, simulated, told, truth_of
 from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.simulation.simulation import D435I
-from twins import SCENES, Case, Result, Twin, figures, result_of, simulated, told, truth_of
 
 REST, MOVING = SCENES
 OFFSET = next(defect for defect in DEFECTS if defect.field == "offset_ms")
@@ -24,7 +24,7 @@ def made(live: float | None = 2.0, error: float = 0.5, **changes) -> Result:
 
 
 def small(seed: int = 0, **changes) -> Case:
-    return Case(MOVING, seed, replace(Twin(size="64x48"), **changes), 0.5)
+    return Case(MOVING, seed, replace(Variation(size="64x48"), **changes), 0.5)
 
 
 def told_of(case: Case):
@@ -36,7 +36,7 @@ def test_the_good_recording_is_run_once_for_all_defects():
     chosen = cases(DEFECTS, 3, 8.0)
     values = sum(len(defect.values) - 1 for defect in DEFECTS)
     assert len(chosen) == len({case.key for case in chosen}) == 3 * len(SCENES) * (values + 1)
-    assert sum(case.twin == Twin() for case in chosen) == 3 * len(SCENES)
+    assert sum(case.variation == Variation() for case in chosen) == 3 * len(SCENES)
 
 
 def test_each_defect_is_in_the_recording_and_unknown_to_the_calibration():
@@ -134,15 +134,15 @@ def test_the_report_counts_how_often_the_truth_is_within_three_sigma():
 def test_all_rows_count_each_run_with_a_pose_once():
     rate = Defect("rate", "frame rate, Hz", (5, 30))
     chosen = cases([OFFSET, rate], 1, 8.0)
-    results = {case.key: made(frames=0.9 if case.twin.rate == 30 else 0.0) for case in chosen}
+    results = {case.key: made(frames=0.9 if case.variation.rate == 30 else 0.0) for case in chosen}
     lines = report([OFFSET, rate], 1, 8.0, results).splitlines()
     assert lines[-2] == "clock offset, ms, its own rows: 10 of 10 runs within 3 sigma"
     assert lines[-1] == "clock offset, ms, all rows: 10 of 10 runs within 3 sigma"
 
 
 def test_a_recording_with_a_clock_offset_and_a_turned_camera():
-    twin = Twin(offset_ms=20.0, turned_deg=2.0, size="320x240")
-    result = result_of(Case(MOVING, 0, twin, 3.0))
+    variation = Variation(offset_ms=20.0, turned_deg=2.0, size="320x240")
+    result = result_of(Case(MOVING, 0, variation, 3.0))
     assert result.frames > 0.3
     assert result.live is not None
     assert result.live < 50.0

@@ -35,7 +35,7 @@ _WHITE = ("gyroscope", "accelerometer")
 
 
 @dataclass(frozen=True)
-class Twin:
+class Variation:
     """How a recording differs from a good one."""
 
     offset_ms: float = 0.0
@@ -58,25 +58,27 @@ class Twin:
 
 @dataclass(frozen=True)
 class Case:
-    """One recording of a twin."""
+    """One varied recording."""
 
     scene: str
     seed: int
-    twin: Twin
+    variation: Variation
     seconds: float
 
     @property
     def url(self) -> str:
         """Of its simulation."""
-        twin = self.twin
-        camera = f"rate={twin.rate:g}&resolution={twin.size}&readout={1e-3 * twin.readout_ms:g}"
+        own = self.variation
+        camera = f"rate={own.rate:g}&resolution={own.size}&readout={1e-3 * own.readout_ms:g}"
         return f"sim:{SCENES[self.scene]}&duration={self.seconds:g}&imu_rate={_IMU_RATE:g}&{camera}"
 
     @property
     def key(self) -> str:
         """Names its row."""
         own = [
-            f"{f.name}={v}" for f in fields(Twin) if (v := getattr(self.twin, f.name)) != f.default
+            f"{f.name}={v}"
+            for f in fields(Variation)
+            if (v := getattr(self.variation, f.name)) != f.default
         ]
         return "|".join([self.scene, f"seed {self.seed}", f"{self.seconds:g} s", *own])
 
@@ -95,8 +97,8 @@ class Result:
     first_pose: float | None
     """After the first frame, s."""
     recovered: dict[str, tuple[float, float, float]] = field(default_factory=dict)
-    """By fields of `Twin`: what the odometry reports at the end, how far that is from the truth,
-    its standard deviation."""
+    """By fields of `Variation`: what the odometry reports at the end, how far that is from the
+    truth, its standard deviation."""
     warnings: tuple[str, ...] = ()
 
 
@@ -105,8 +107,8 @@ def simulated(case: Case) -> Simulation:
     scene, _, motion = stem(case.url).partition(":")
     options = simulation_options(case.url)
     made = simulation_from_options(scene, motion, seed=case.seed, **options)
-    true = replace(made.calibration, time_offset=1e-3 * case.twin.offset_ms)
-    white = {name: case.twin.imu_noise * getattr(true.imu_noise, name) for name in _WHITE}
+    true = replace(made.calibration, time_offset=1e-3 * case.variation.offset_ms)
+    white = {name: case.variation.imu_noise * getattr(true.imu_noise, name) for name in _WHITE}
     noise = replace(true.imu_noise, **white)
     imu = SyntheticImu(made.motion, _IMU_RATE, noise, case.seed, made.epoch)
     return replace(made, calibration=true, imu=imu)
@@ -117,9 +119,10 @@ def told(true: Calibration, case: Case) -> Calibration:
     rng = np.random.default_rng([case.seed, 11])
     axis, way = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
     off = gtsam.Pose3(
-        gtsam.Rot3.Expmap(np.radians(case.twin.turned_deg) * axis), 1e-3 * case.twin.moved_mm * way
+        gtsam.Rot3.Expmap(np.radians(case.variation.turned_deg) * axis),
+        1e-3 * case.variation.moved_mm * way,
     )
-    scaled = faults.scaled_focal_length(true, 1.0 + 0.01 * case.twin.focal_percent)
+    scaled = faults.scaled_focal_length(true, 1.0 + 0.01 * case.variation.focal_percent)
     return replace(scaled, body_T_cam=true.body_T_cam.compose(off), time_offset=0.0)
 
 

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Simulated twins of the defects of real recordings: what each costs, and what is recovered of it.
+"""Defects of real recordings, simulated: what each costs, and what is recovered of it.
 
-    python tools/benchmark_twins.py --seeds 3 --processes 2 --rows twins.jsonl
-    python tools/benchmark_twins.py --only offset --only turned --seeds 10
+    python tools/benchmark_defects.py --seeds 3 --processes 2 --rows defects.jsonl
+    python tools/benchmark_defects.py --only offset --only turned --seeds 10
 
 Rendered recordings with one defect that the calibration does not tell of; of a known readout, the
 frame rate and the image size it does. Each row is several seeds. ATE is evo's, SE(3)-aligned, in
@@ -28,8 +28,8 @@ from typing import Any
 import click
 import numpy as np
 
+from defects import SCENES, Case, Result, Variation, result_of
 from ruledgraph.app.batch.cluster import in_parallel
-from twins import SCENES, Case, Result, Twin, result_of
 
 # An estimate this far from the truth, in its own standard deviations, contradicts it.
 _CONSISTENT = 3.0
@@ -37,7 +37,7 @@ _CONSISTENT = 3.0
 
 @dataclass(frozen=True)
 class Defect:
-    """A field of `Twin`, as the table shows it."""
+    """A field of `Variation`, as the table shows it."""
 
     field: str
     name: str
@@ -145,8 +145,8 @@ def report(
 
 def _of(defect: Defect, value: float | str, scene: str, seeds: int, seconds: float) -> list[Case]:
     changes: dict[str, Any] = {defect.field: value}
-    twin = Twin(**changes)
-    return [Case(scene, seed, twin, seconds) for seed in range(seeds)]
+    variation = Variation(**changes)
+    return [Case(scene, seed, variation, seconds) for seed in range(seeds)]
 
 
 def cases(defects: Sequence[Defect], seeds: int, seconds: float) -> list[Case]:
