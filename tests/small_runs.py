@@ -4,13 +4,16 @@
 
 import numpy as np
 
+from ruledgraph.core.config import DEFAULTS, Config
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.evaluation import alignment
 from ruledgraph.odometry import Odometry
 
 
-def run(measurements, calibration) -> tuple[Odometry, list[Estimate], list[Estimate]]:
-    odometry = Odometry(calibration)
+def run(
+    measurements, calibration, config: Config = DEFAULTS
+) -> tuple[Odometry, list[Estimate], list[Estimate]]:
+    odometry = Odometry(calibration, config)
     live, smoothed = [], []
     for measurement in measurements:
         odometry.add(measurement)

@@ -39,7 +39,6 @@ _SEEN = 1.0
 # A priori: velocity (m/s), gravity by the mean specific force (m/s^2), distance of lines (m), which
 # are first taken to be so far away and never nearer than that (m).
 _VELOCITY_SIGMA, _GRAVITY_SIGMA, _FARTHEST, _TYPICAL, _NEAREST = 3.0, 5.0, 50.0, 2.0, 0.1
-_G = -STANDARD_GRAVITY[2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,18 +134,24 @@ def gyroscope_bias(
     return bias
 
 
-def closed_form(motion: FrameMotion, lines: Sequence[Planes], body_p_cam: FloatArray) -> ClosedForm:
+def closed_form(
+    motion: FrameMotion,
+    lines: Sequence[Planes],
+    body_p_cam: FloatArray,
+    gravity_magnitude: float = -STANDARD_GRAVITY[2],
+) -> ClosedForm:
     """Velocity, gravity and lines of a window.
 
     Args:
         motion: from the window's start to its frames, with the gyroscope's bias.
         lines: seen in it.
         body_p_cam: position of the camera in the body frame, (3,), m.
+        gravity_magnitude: about which gravity is expected, m/s^2.
     """
     rotations, _ = exp_and_right_jacobian(motion.preintegrated[:, :3])
     centres = motion.preintegrated[:, 3:6] + rotations @ body_p_cam
     force = motion.preintegrated[-1, 6:9]
-    rough = -_G * force / np.linalg.norm(force)
+    rough = -gravity_magnitude * force / np.linalg.norm(force)
     elapsed = motion.elapsed
     known = [_Line(line, rotations, centres, elapsed) for line in lines]
     solution = np.zeros(6)

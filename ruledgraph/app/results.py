@@ -23,7 +23,6 @@ from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.line_file import LineFile, write_whole
 from ruledgraph.core.settings import config_text
 from ruledgraph.core.trajectory import TumWriter, seconds
-from ruledgraph_factors import STANDARD_GRAVITY
 
 _AXES = "xyz"
 _STATE_COLUMNS = [
@@ -110,7 +109,7 @@ class Results(Closing):
             kinds = [TRAJECTORY_FORMATS[name] for name in formats]
             self._more_live = [kind(folder, "trajectory_live") for kind in kinds]
             self._more_smoothed = [kind(folder, "trajectory") for kind in kinds]
-            self._map_config = config.map
+            self._config = config
             self.lines: list[LineEstimate] = []
             """As they left the window; when closed, the map."""
         except OSError as error:
@@ -142,7 +141,7 @@ class Results(Closing):
         for file in self._more_live:
             file.append(estimate)
         if estimate.at_state:
-            self._states.writerow(_state_row(estimate))
+            self._states.writerow(_state_row(estimate, self._config.imu.gravity))
 
     def _append_smoothed(self, estimate: Any) -> None:
         self._smoothed.append(estimate.stamp, estimate.world_T_body)
@@ -178,7 +177,7 @@ class Results(Closing):
             file.close()
         for more in (*self._more_live, *self._more_smoothed):
             more.close()
-        self.lines = merged_lines(self.lines, self._map_config)
+        self.lines = merged_lines(self.lines, self._config.map)
         write_whole(self.folder / "lines.csv", _line_table(self.lines))
         ends = np.reshape([line.ends for line in self.lines], (-1, 2, 3))
         write_ply(self.folder / "lines.ply", ends)
@@ -202,7 +201,7 @@ def _table(path: Path, columns: list[str]) -> tuple[LineFile, Any]:
     return file, writer
 
 
-def _state_row(estimate: Estimate) -> list[Any]:
+def _state_row(estimate: Estimate, gravity: float) -> list[Any]:
     attitude = estimate.world_T_body.rotation()
     pose, velocity, bias = (np.sqrt(np.diag(c)) for c in estimate.covariances)
     numbers = np.concatenate(
@@ -210,7 +209,7 @@ def _state_row(estimate: Estimate) -> list[Any]:
             estimate.velocity,
             estimate.bias.gyroscope(),
             estimate.bias.accelerometer(),
-            attitude.unrotate(np.array(STANDARD_GRAVITY)),
+            attitude.unrotate(np.array([0.0, 0.0, -gravity])),
             pose,
             velocity,
             bias[3:],

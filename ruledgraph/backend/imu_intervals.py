@@ -40,10 +40,10 @@ def imu_interval(
         extrinsics: the camera's pose in the body, when that is estimated.
         still: whether the body rested all the time.
     """
-    params, reliable_frames = noise.preintegration_params(), len(times)
+    params, reliable_frames = noise.preintegration_params(imu.gravity), len(times)
     unreliable = imu.unreliable(node.time, times[-1])
     if unreliable:
-        params = params_across(noise, unreliable, node.time, times[-1])
+        params = params_across(noise, imu.gravity, unreliable, node.time, times[-1])
         first = min(interval.start for interval in unreliable)
         reliable_frames = max(int(repeats_frame), sum(time <= first for time in times))
     samples = imu.between(node.time, times[-1])
@@ -63,6 +63,7 @@ def imu_interval(
         node,
         list(stamps),
         motion,
+        imu.gravity,
         [factor],
         reliable_frames,
         repeats_frame,

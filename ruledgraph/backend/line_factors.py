@@ -87,21 +87,22 @@ def observation(
     state, rest = (X(k), V(k), B(k)), (motion, line.chart, compressed)
     extrinsics = interval.extrinsics
     body_T_cam = model.body_T_cam if extrinsics is None else extrinsics.body_T_cam
+    gravity = interval.gravity
     # At rest, too: lines placed with a given mounting would hold it there.
     free = None if extrinsics is None else extrinsics.key
     clock = None if motion.time_jacobian is None else interval.time_offset
     if clock is not None and free is not None:
         factor = ruled_surface_factor_with_time_offset_and_extrinsics(
-            noise, *state, clock.key, free, line.key, *rest
+            noise, *state, clock.key, free, line.key, *rest, gravity
         )
     elif clock is not None:
         factor = ruled_surface_factor_with_time_offset(
-            noise, *state, clock.key, line.key, *rest, body_T_cam
+            noise, *state, clock.key, line.key, *rest, body_T_cam, gravity
         )
     elif free is not None:
-        factor = ruled_surface_factor_with_extrinsics(noise, *state, free, line.key, *rest)
+        factor = ruled_surface_factor_with_extrinsics(noise, *state, free, line.key, *rest, gravity)
     else:
-        factor = ruled_surface_factor(noise, *state, line.key, *rest, body_T_cam)
+        factor = ruled_surface_factor(noise, *state, line.key, *rest, body_T_cam, gravity)
     return LineObservation(line, factor, compressed, (index[-1], sightings[-1].points))
 
 

@@ -19,14 +19,12 @@ from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Covariances, blocks
 from ruledgraph.core.line_observations import Sighting
 from ruledgraph_factors import (
-    STANDARD_GRAVITY,
     FrameMotion,
     GeometricPoints,
     RuledSurfaceFactor,
 )
 from ruledgraph_factors.ruled_surface import State
 
-_GRAVITY = np.array(STANDARD_GRAVITY)
 _UNIT = noiseModel.Unit.Create(15)
 
 
@@ -74,6 +72,8 @@ class Interval:
     stamps: list[int]
     """Of its frames, ns."""
     motion: FrameMotion
+    gravity: FloatArray
+    """In the world, (3,), m/s^2."""
     imu_factors: list[gtsam.NonlinearFactor]
     reliable_frames: int
     """How many of its frames come before the IMU is unreliable; later poses are guesses."""
@@ -109,7 +109,9 @@ class Interval:
         """world_T_body of its frames, computed anew when the node's state is replaced."""
         cached, node = self._cached_poses, self.node
         if cached is None or cached[0] is not node.state:
-            poses = self.motion.poses(node.state, node.bias, time_shift=self.residual_offset)
+            poses = self.motion.poses(
+                node.state, node.bias, self.gravity, time_shift=self.residual_offset
+            )
             cached = self._cached_poses = node.state, poses
         return cached[1]
 
@@ -130,7 +132,7 @@ class Interval:
         bias = self.node.bias.vector()
         extrinsics = self.extrinsics
         camera = None if extrinsics is None else extrinsics.body_T_cam.matrix()
-        return State(pose, velocity, bias, _GRAVITY, delta, self.residual_offset, camera)
+        return State(pose, velocity, bias, self.gravity, delta, self.residual_offset, camera)
 
     def seen(self, sightings: Sequence[Sighting]) -> tuple[list[int], list[Sighting]]:
         """Indices of the reliable frames that saw a line, and the sightings."""

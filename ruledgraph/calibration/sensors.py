@@ -225,9 +225,11 @@ class ImuNoise:
                     f"IMU noise figure {name} = {value} is not from {LEAST_NOISE:g} on"
                 )
 
-    def preintegration_params(self) -> gtsam.PreintegrationCombinedParams:
-        """The same figures for GTSAM's `CombinedImuFactor`, world z up."""
-        params = gtsam.PreintegrationCombinedParams.MakeSharedU(-STANDARD_GRAVITY[2])
+    def preintegration_params(
+        self, gravity: ArrayLike = STANDARD_GRAVITY
+    ) -> gtsam.PreintegrationCombinedParams:
+        """The same figures for GTSAM's `CombinedImuFactor`, with gravity in the world, m/s^2."""
+        params = gtsam.PreintegrationCombinedParams(np.asarray(gravity, dtype=float))
         params.setGyroscopeCovariance(np.eye(3) * self.gyroscope**2)
         params.setAccelerometerCovariance(np.eye(3) * self.accelerometer**2)
         params.setBiasOmegaCovariance(np.eye(3) * self.gyroscope_walk**2)

@@ -53,7 +53,11 @@ class ExtrinsicsConfig(Section):
 
 
 class ImuConfig(Section):
-    """Outages, spikes and the range of the IMU."""
+    """Gravity, outages, spikes and the range of the IMU."""
+
+    gravity: float = number(9.81, "m/s^2", 0.1, 100.0)
+    """Magnitude of gravity where the recording is made: 9.780 at the equator, 9.832 at the poles.
+    Without it the accelerometer's bias takes up most of the difference."""
 
     max_sample_interval: float = number(0.05, "s", 1e-3, 1.0)
     """A longer stretch without a new reading is a hole."""

@@ -33,6 +33,8 @@ class ImuBuffer:
         self._repeats: list[float] = []
         self._holes: deque[UnreliableInterval] = deque()
         self._range = RangeWatch(config)
+        self.gravity = np.array([0.0, 0.0, -config.gravity])
+        """Where the samples are taken, in the world, (3,), m/s^2."""
         self.range_message = ""
         """Message about the sensors' range after the last sample, empty if there is none."""
 
@@ -155,7 +157,11 @@ def _is_hole(interval: UnreliableInterval) -> bool:
 
 
 def params_across(
-    noise: ImuNoise, unreliable: Sequence[UnreliableInterval], start: float, stop: float
+    noise: ImuNoise,
+    gravity: FloatArray,
+    unreliable: Sequence[UnreliableInterval],
+    start: float,
+    stop: float,
 ) -> gtsam.PreintegrationCombinedParams:
     """The noise of what is integrated from start to stop across degraded stretches.
 
@@ -167,7 +173,7 @@ def params_across(
         length = interval.stop - interval.start
         inside = min(interval.stop, stop) - max(interval.start, start)
         variance += interval.sigmas**2 * length * inside / (stop - start)
-    params = noise.preintegration_params()
+    params = noise.preintegration_params(gravity)
     params.setGyroscopeCovariance(np.diag(noise.gyroscope**2 + variance[:3]))
     params.setAccelerometerCovariance(np.diag(noise.accelerometer**2 + variance[3:]))
     return params

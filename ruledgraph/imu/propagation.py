@@ -10,7 +10,7 @@ import numpy as np
 from ruledgraph.calibration.sensors import ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.imu.buffer import ImuBuffer, params_across
-from ruledgraph_factors import STANDARD_GRAVITY, FrameMotion, preintegrate_frames
+from ruledgraph_factors import FrameMotion, preintegrate_frames
 from ruledgraph_factors.so3 import hat
 
 
@@ -38,7 +38,7 @@ def state_before(
     start = max(time - earlier, imu.earliest)
     motion = preintegrate_frames(imu.between(start, time), start, [time], bias)
     theta, dp, dv = np.split(motion.preintegrated[0], 3)
-    t, gravity = time - start, np.array(STANDARD_GRAVITY)
+    t, gravity = time - start, imu.gravity
     R0 = state.attitude().compose(gtsam.Rot3.Expmap(theta).inverse())
     v0 = state.velocity() - gravity * t - R0.matrix() @ dv
     p0 = state.position() - v0 * t - gravity * (0.5 * t * t) - R0.matrix() @ dp
@@ -69,8 +69,8 @@ def propagated_covariances(
     by rotation, position and velocity.
     """
     R, count = node.state.attitude().matrix(), len(motion)
-    gravity, bias = np.array(STANDARD_GRAVITY), node.bias.vector()
-    predicted = motion.predict(R, node.state.position(), node.state.velocity(), bias, gravity)
+    bias = node.bias.vector()
+    predicted = motion.predict(R, node.state.position(), node.state.velocity(), bias, imu.gravity)
     assert predicted.jacobian is not None  # noqa: S101 - it was asked for
     F = np.tile(np.eye(15), (count, 1, 1))
     F[:, :6] = predicted.jacobian[:, :, :15]
@@ -78,10 +78,10 @@ def propagated_covariances(
     F[:, 6:9, 9:] = R @ motion.bias_jacobian[:, 6:9]
     covariances = F @ node.covariance @ F.transpose(0, 2, 1)
     until = node.time + float(motion.elapsed[-1])
-    params = noise.preintegration_params()
+    params = noise.preintegration_params(imu.gravity)
     unreliable = imu.unreliable(node.time, until)
     if unreliable:
-        params = params_across(noise, unreliable, node.time, until)
+        params = params_across(noise, imu.gravity, unreliable, node.time, until)
     return covariances + _noise(params, R, predicted.rotation, motion.elapsed)
 
 
@@ -119,7 +119,7 @@ class ImuPropagator:
     def predict(self, node: StateWithCovariance, time: float) -> gtsam.NavState:
         """The state at a later time, s, no earlier than asked for before."""
         if self._preintegrated is None:
-            params = self._noise.preintegration_params()
+            params = self._noise.preintegration_params(self._imu.gravity)
             self._preintegrated = gtsam.PreintegratedCombinedMeasurements(params, node.bias)
             self._until = node.time
         samples = self._imu.between(self._until, time)

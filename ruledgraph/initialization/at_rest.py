@@ -9,9 +9,7 @@ from ruledgraph.backend.start import Start
 from ruledgraph.core.config import Config
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.initialization.prior import Refusal, pose_covariance, unknown_offset
-from ruledgraph_factors import STANDARD_GRAVITY, level_attitude
-
-_G = -STANDARD_GRAVITY[2]
+from ruledgraph_factors import level_attitude
 
 
 def start_at_rest(
@@ -27,10 +25,11 @@ def start_at_rest(
         config: all settings.
     """
     samples = imu.between(start, stop)
-    force = samples.accelerometer.mean(axis=0)
-    if abs(np.linalg.norm(force) - _G) > config.start.gravity_share * _G:
+    force, gravity = samples.accelerometer.mean(axis=0), config.imu.gravity
+    if abs(np.linalg.norm(force) - gravity) > config.start.gravity_share * gravity:
         return Refusal(
-            f"at rest the accelerometer shows {np.linalg.norm(force):.2f} instead of 9.81 m/s^2"
+            f"at rest the accelerometer shows {np.linalg.norm(force):.2f} instead of "
+            f"{gravity:.2f} m/s^2"
         )
     a, attitude = config.start.accelerometer_bias, level_attitude(force)
     return Start(
@@ -39,7 +38,7 @@ def start_at_rest(
         state=gtsam.NavState(attitude, np.zeros(3), np.zeros(3)),
         bias=gtsam.imuBias.ConstantBias(np.zeros(3), samples.gyroscope.mean(axis=0)),
         # The accelerometer's bias cannot be distinguished from a tilt.
-        pose_covariance=pose_covariance(attitude, a / _G),
+        pose_covariance=pose_covariance(attitude, a / gravity),
         velocity_sigma=config.start.rest_velocity_sigma,
         bias_sigmas=np.repeat([a, config.start.rest_gyroscope_sigma], 3),
         lines={},

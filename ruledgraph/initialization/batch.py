@@ -125,7 +125,9 @@ class Batch:
         charts = list(self._charts)
         body_T_cam = self._window.calibration.body_T_cam
         state = gtsam.NavState(self.pose, self.velocity)
-        poses = graph.motion.poses(state, self.bias, time_shift=self.residual_offset)
+        poses = graph.motion.poses(
+            state, self.bias, self._window.gravity, time_shift=self.residual_offset
+        )
         cameras = [pose.compose(body_T_cam) for pose in poses]
         for i, (_, frames, sightings) in enumerate(self._window.seen):
             seen_from = [cameras[frame] for frame in frames]

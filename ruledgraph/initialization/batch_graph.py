@@ -91,7 +91,8 @@ class BatchGraph:
     def _line_factor(
         self, i: int, noise: noiseModel.Base, motion: FrameMotion, points: GeometricPoints
     ) -> gtsam.NoiseModelFactor:
-        rest = motion, self._charts[i], points, self._window.calibration.body_T_cam
+        window = self._window
+        rest = motion, self._charts[i], points, window.calibration.body_T_cam, window.gravity
         if self._time_offset_key is None:
             return ruled_surface_factor(noise, POSE, VELOCITY, BIAS, LINES + i, *rest)
         keys = POSE, VELOCITY, BIAS, self._time_offset_key, LINES + i

@@ -100,7 +100,8 @@ def _hypotheses(window: FirstWindow) -> Iterator[Callable[[], InitialValues]]:
 
     def linear() -> InitialValues:
         motion = window.motion(gtsam.imuBias.ConstantBias(np.zeros(3), bias))
-        found = closed_form(motion, planes, body_T_cam.translation())
+        gravity = window.config.imu.gravity
+        found = closed_form(motion, planes, body_T_cam.translation(), gravity)
         return from_closed_form(window, bias, found)
 
     yield linear

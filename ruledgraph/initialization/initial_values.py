@@ -39,7 +39,7 @@ def at_distance(window: FirstWindow, gyroscope_bias: FloatArray, distance: float
     """No velocity, and all lines so far away, m."""
     bias, motion, upright = _by_imu(window, gyroscope_bias)
     velocity = np.zeros(3)
-    poses = _poses(motion, upright, velocity, bias)
+    poses = _poses(window, motion, upright, velocity, bias)
     charts = []
     for line in window.seen:
         anchor = gtsam.Pose3(poses[line.frames[0]].rotation(), np.zeros(3))
@@ -57,7 +57,7 @@ def from_closed_form(
     own_up = gtsam.Unit3(upright.unrotate(np.array([0.0, 0.0, 1.0])))
     attitude = upright.compose(_turn(up.point3(), own_up.point3()))
     velocity = attitude.rotate(found.velocity)
-    poses = _poses(motion, attitude, velocity, bias)
+    poses = _poses(window, motion, attitude, velocity, bias)
     charts = []
     for line, along, moment in zip(window.seen, found.directions, found.moments, strict=True):
         camera = poses[line.frames[0]].compose(window.calibration.body_T_cam)
@@ -87,6 +87,7 @@ def _by_imu(
 
 
 def _poses(
+    window: FirstWindow,
     motion: FrameMotion,
     attitude: gtsam.Rot3,
     velocity: FloatArray,
@@ -94,7 +95,7 @@ def _poses(
 ) -> list[gtsam.Pose3]:
     """world_T_body of the frames."""
     state = gtsam.NavState(gtsam.Pose3(attitude, np.zeros(3)), velocity)
-    return motion.poses(state, bias)
+    return motion.poses(state, bias, window.gravity)
 
 
 def _turn(one: FloatArray, other: FloatArray) -> gtsam.Rot3:

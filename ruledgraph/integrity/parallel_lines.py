@@ -7,9 +7,6 @@ import numpy as np
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import IntegrityConfig
-from ruledgraph_factors import STANDARD_GRAVITY
-
-_G = -STANDARD_GRAVITY[2]
 
 
 class ParallelLines:
@@ -49,7 +46,8 @@ class ParallelLines:
             of_pose, of_velocity, of_bias = (excess * c for c in window.newest.covariances)
             speed = float(self._along @ of_velocity @ self._along)
             tilt = float(np.trace(of_pose[:3, :3])) / 2.0
-            force = float(np.linalg.eigvalsh(of_bias[:3, :3])[-1]) + _G**2 * tilt
+            gravity = float(np.linalg.norm(window.intervals[-1].gravity))
+            force = float(np.linalg.eigvalsh(of_bias[:3, :3])[-1]) + gravity**2 * tilt
             self._initial_variances = (speed, force)
         return np.zeros((3, 3))
 

@@ -159,7 +159,7 @@ class EstimateReporter:
         """Of an interval's frames, without one that repeats the interval before."""
         node, motion = interval.node, interval.motion
         covariances = propagated_covariances(node, motion, self._imu, self._noise)
-        velocities = motion.velocities(node.state, node.bias)
+        velocities = motion.velocities(node.state, node.bias, interval.gravity)
         states = zip(interval.stamps, interval.poses(), velocities, covariances, strict=True)
         found = [_FrameState(*state) for state in states]
         if self._half_readout:

@@ -37,7 +37,8 @@ def row_motion(
     at = time + times
     first = gtsam.NavState() if state is None else state_before(imu, state, bias, time, half)
     motion = preintegrate_frames(imu.between(at[0], at[-1]), at[0], at, bias)
-    cameras = [pose.compose(calibration.body_T_cam) for pose in motion.poses(first, bias)]
+    bodies = motion.poses(first, bias, imu.gravity)
+    cameras = [pose.compose(calibration.body_T_cam) for pose in bodies]
     middle = cameras[_ROWS // 2]
     relative = [middle.between(camera) for camera in cameras]
     return RowMotion(

@@ -13,6 +13,7 @@ import pytest
 from ruledgraph.app.results import Results
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Estimate, LineEstimate
+from ruledgraph.core.settings import load_config
 from ruledgraph.core.time_offset import TimeOffset
 
 # Each number once, so that no column can stand for another.
@@ -69,7 +70,8 @@ def table(path: Path) -> list[dict[str, str]]:
 
 @pytest.fixture
 def folder(tmp_path) -> Path:
-    with Results(tmp_path / "run", Config()) as results:
+    config = load_config(None, ["imu.gravity=9.80665"])
+    with Results(tmp_path / "run", config) as results:
         results.write([estimate(), estimate(1_600_000_000, at_state=False)], [], [line()])
     return tmp_path / "run"
 
@@ -86,7 +88,7 @@ def test_columns_of_the_states(folder):
     }
     for name, expected in vectors.items():
         found = [float(row[f"{name}_{axis}"]) for axis in "xyz"]
-        np.testing.assert_allclose(found, expected, atol=6e-3 if "gravity" in name else 1e-9)
+        np.testing.assert_allclose(found, expected, atol=1e-9)
     assert (row["stamp"], row["lines"], row["status"], row["segment"]) == (
         *("1.500000000", "17", "still", "3"),
     )

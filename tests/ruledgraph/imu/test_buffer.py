@@ -6,8 +6,10 @@ import pytest
 
 from ruledgraph.calibration.sensors import D435I_LIKE
 from ruledgraph.imu.buffer import ImuBuffer, params_across
+from ruledgraph_factors import STANDARD_GRAVITY
 
 STEP = 0.005
+GRAVITY = np.array(STANDARD_GRAVITY)
 
 
 def filled(skip=(), hang=()) -> ImuBuffer:
@@ -51,7 +53,7 @@ def test_some_equal_readings_are_samples():
 
 
 def test_noise_across_holes():
-    clean = params_across(D435I_LIKE, [], 0.0, 0.1)
+    clean = params_across(D435I_LIKE, GRAVITY, [], 0.0, 0.1)
     assert clean.equals(D435I_LIKE.preintegration_params(), 0.0)
     densities = []
     for length in (0.06, 0.1, 0.3, 0.5):
@@ -70,7 +72,7 @@ def test_noise_across_holes():
 
 def rate_density(interval, start: float, stop: float) -> float:
     """Of the gyroscope, rad/s/sqrt(Hz), the same in all directions."""
-    params = params_across(D435I_LIKE, [interval], start, stop)
+    params = params_across(D435I_LIKE, GRAVITY, [interval], start, stop)
     covariance = params.getGyroscopeCovariance()
     np.testing.assert_allclose(covariance, covariance[0, 0] * np.eye(3), atol=1e-15)
     return float(np.sqrt(covariance[0, 0]))
@@ -95,7 +97,7 @@ def test_clipped_readings_are_degraded_in_their_axis():
     assert (upper.start, upper.stop) == pytest.approx((53 / 360, 127 / 360), abs=2 * STEP)
     assert (lower.start, lower.stop) == pytest.approx((233 / 360, 307 / 360), abs=2 * STEP)
     covariance = params_across(
-        D435I_LIKE, [upper], upper.start, upper.stop
+        D435I_LIKE, GRAVITY, [upper], upper.start, upper.stop
     ).getGyroscopeCovariance()
     # Open by half of 0.8 rad/s all along.
     length = upper.stop - upper.start
