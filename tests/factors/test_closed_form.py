@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ideal_tracks import MANY, IdealTracks, ideal_tracks
+from ruledgraph.simulation import imu as simulated_imu
 from ruledgraph_factors import GeometricPoints, preintegrate_frames
 from ruledgraph_factors.closed_form import ClosedForm, Planes, closed_form, gyroscope_bias
 from simulated_window import BODY_T_CAM, FOCAL_LENGTH, hand_held
@@ -20,13 +21,15 @@ def planes_of(made: IdealTracks) -> list[Planes]:
     return [Planes.of(frames, points, body_R_cam, 0.5 / FOCAL_LENGTH) for points in each]
 
 
-def solved(made: IdealTracks, lines: list[Planes], gyroscope: np.ndarray) -> ClosedForm:
+def solved(
+    made: IdealTracks, lines: list[Planes], gyroscope: np.ndarray, gravity: float = 9.81
+) -> ClosedForm:
     """With the gyroscope's bias that is believed, rad/s."""
     times = made.times.tolist()
     samples = made.imu.between(times[0], times[-1])
     bias = gtsam.imuBias.ConstantBias(np.zeros(3), gyroscope)
     motion = preintegrate_frames(samples, times[0], times, bias)
-    return closed_form(motion, lines, BODY_T_CAM.translation())
+    return closed_form(motion, lines, BODY_T_CAM.translation(), gravity)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -63,8 +66,12 @@ def test_jumps_of_some_tracks_do_not_move_the_bias():
     np.testing.assert_allclose(found, bias[3:], atol=0.02)
 
 
+@pytest.mark.parametrize("gravity", [9.81, 20.0])
 @pytest.mark.parametrize("seed", range(4))
-def test_where_lines_tell_little_gravity_is_opposite_to_the_specific_force(seed):
+def test_where_lines_tell_little_gravity_is_opposite_to_the_specific_force(
+    seed, gravity, monkeypatch
+):
+    monkeypatch.setattr(simulated_imu, "STANDARD_GRAVITY", (0.0, 0.0, -gravity))
     made = ideal_tracks(
         seed,
         hand_held(np.random.default_rng(seed)),
@@ -73,7 +80,7 @@ def test_where_lines_tell_little_gravity_is_opposite_to_the_specific_force(seed)
         segments=MANY[:2],
     )
     lines = planes_of(made)
-    found = solved(made, lines, np.zeros(3))
-    true = made.motion.rotation(0.0).T @ [0.0, 0.0, -9.81]
+    found = solved(made, lines, np.zeros(3), gravity)
+    true = made.motion.rotation(0.0).T @ [0.0, 0.0, -gravity]
     # Within the 5 m/s^2 that a hand may add, and some: not without a direction, not the wrong way.
     assert np.linalg.norm(found.gravity - true) < 6.0

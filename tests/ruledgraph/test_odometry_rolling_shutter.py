@@ -10,6 +10,7 @@ import gtsam
 import numpy as np
 import pytest
 
+from ruledgraph.core.config import ImuConfig
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Measurement
@@ -18,6 +19,7 @@ from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.propagation import state_before
 from ruledgraph.segments.rows import row_motion
 from ruledgraph.simulation import Simulation, make_scene, simulate
+from ruledgraph.simulation import imu as simulated_imu
 from small_runs import ate, run
 from small_simulation import SMALL
 
@@ -79,19 +81,19 @@ def test_poses_and_velocities_are_of_the_stamps() -> None:
         assert errors[0] < 0.5 * errors[12_500_000]
 
 
-def filled(simulation: Simulation) -> ImuBuffer:
-    imu = ImuBuffer()
+def filled(simulation: Simulation, gravity: float = 9.81) -> ImuBuffer:
+    imu = ImuBuffer(ImuConfig(gravity=gravity))
     for sample in simulation.imu.samples():
         imu.append((sample.stamp - simulation.epoch) * 1e-9, sample.gyroscope, sample.accelerometer)
     return imu
 
 
-def ideal() -> tuple[Simulation, ImuBuffer]:
+def ideal(gravity: float = 9.81) -> tuple[Simulation, ImuBuffer]:
     scene = make_scene("square", 0)
     simulation = simulate(
         scene, "free", calibration=SMALL.with_readout(0.03), rate=30.0, imu=None, imu_rate=1000.0
     )
-    return simulation, filled(simulation)
+    return simulation, filled(simulation, gravity)
 
 
 def true_state(simulation: Simulation, time: float) -> gtsam.NavState:
@@ -99,8 +101,12 @@ def true_state(simulation: Simulation, time: float) -> gtsam.NavState:
     return gtsam.NavState(motion.pose(time), motion.velocity(time))
 
 
-def test_row_motion_is_that_of_the_true_camera() -> None:
-    simulation, imu = ideal()
+@pytest.mark.parametrize("gravity", [9.81, 20.0])
+def test_row_motion_is_that_of_the_true_camera(
+    gravity: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(simulated_imu, "STANDARD_GRAVITY", (0.0, 0.0, -gravity))
+    simulation, imu = ideal(gravity)
     calibration, bias = simulation.calibration, gtsam.imuBias.ConstantBias()
     time = 3.21
     rows = row_motion(calibration, imu, time, true_state(simulation, time), bias)
