@@ -23,10 +23,16 @@ SMALL = dataclasses.replace(
 
 @cache
 def small_simulation(seed: int = 0, moving: bool = False, duration: float = 4.5) -> Simulation:
+    return new_small_simulation(seed, moving, duration)
+
+
+def new_small_simulation(
+    seed: int, moving: bool, duration: float = 4.5, readout: float = 0.0
+) -> Simulation:
     return simulate(
         "noncoplanar_cluttered",
         "free",
-        calibration=SMALL,
+        calibration=SMALL.with_readout(readout),
         rate=30.0,
         duration=duration,
         moving_start=moving,

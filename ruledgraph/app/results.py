@@ -16,6 +16,7 @@ import numpy as np
 from ruledgraph.app.line_files import write_obj, write_ply
 from ruledgraph.app.trajectory_files import TRAJECTORY_FORMATS, TrajectoryFormat
 from ruledgraph.backend.line_merging import merged_lines
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import MachineError, RuledgraphError
@@ -141,7 +142,7 @@ class Results(Closing):
         for file in self._more_live:
             file.append(estimate)
         if estimate.at_state:
-            self._states.writerow(_state_row(estimate, self._config.imu.gravity))
+            self._states.writerow(_state_row(estimate, self._config.imu.gravity_in_world))
 
     def _append_smoothed(self, estimate: Any) -> None:
         self._smoothed.append(estimate.stamp, estimate.world_T_body)
@@ -201,7 +202,7 @@ def _table(path: Path, columns: list[str]) -> tuple[LineFile, Any]:
     return file, writer
 
 
-def _state_row(estimate: Estimate, gravity: float) -> list[Any]:
+def _state_row(estimate: Estimate, gravity: FloatArray) -> list[Any]:
     attitude = estimate.world_T_body.rotation()
     pose, velocity, bias = (np.sqrt(np.diag(c)) for c in estimate.covariances)
     numbers = np.concatenate(
@@ -209,7 +210,7 @@ def _state_row(estimate: Estimate, gravity: float) -> list[Any]:
             estimate.velocity,
             estimate.bias.gyroscope(),
             estimate.bias.accelerometer(),
-            attitude.unrotate(np.array([0.0, 0.0, -gravity])),
+            attitude.unrotate(gravity),
             pose,
             velocity,
             bias[3:],

@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Settings of the IMU, and of how camera and IMU go together."""
 
+import numpy as np
+
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.section import Section, number
 
 
@@ -57,7 +60,7 @@ class ImuConfig(Section):
 
     gravity: float = number(9.81, "m/s^2", 0.1, 100.0)
     """Magnitude of gravity where the recording is made: 9.780 at the equator, 9.832 at the poles.
-    Without it the accelerometer's bias takes up most of the difference."""
+    The accelerometer's bias takes up most of what it is off by."""
 
     max_sample_interval: float = number(0.05, "s", 1e-3, 1.0)
     """A longer stretch without a new reading is a hole."""
@@ -100,3 +103,8 @@ class ImuConfig(Section):
     """Standard deviation of a clipped reading, as a share of the range's end."""
     range_join_time: float = number(0.03, "s", 0.0, 1.0)
     """Clipped readings no further apart are one stretch."""
+
+    @property
+    def gravity_in_world(self) -> FloatArray:
+        """Downwards, (3,), m/s^2."""
+        return np.array([0.0, 0.0, -self.gravity])

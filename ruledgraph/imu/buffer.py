@@ -33,7 +33,7 @@ class ImuBuffer:
         self._repeats: list[float] = []
         self._holes: deque[UnreliableInterval] = deque()
         self._range = RangeWatch(config)
-        self.gravity = np.array([0.0, 0.0, -config.gravity])
+        self.gravity = config.gravity_in_world
         """Where the samples are taken, in the world, (3,), m/s^2."""
         self.range_message = ""
         """Message about the sensors' range after the last sample, empty if there is none."""

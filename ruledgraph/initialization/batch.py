@@ -126,7 +126,10 @@ class Batch:
         body_T_cam = self._window.calibration.body_T_cam
         state = gtsam.NavState(self.pose, self.velocity)
         poses = graph.motion.poses(
-            state, self.bias, self._window.gravity, time_shift=self.residual_offset
+            state,
+            self.bias,
+            self._window.config.imu.gravity_in_world,
+            time_shift=self.residual_offset,
         )
         cameras = [pose.compose(body_T_cam) for pose in poses]
         for i, (_, frames, sightings) in enumerate(self._window.seen):

@@ -92,7 +92,8 @@ class BatchGraph:
         self, i: int, noise: noiseModel.Base, motion: FrameMotion, points: GeometricPoints
     ) -> gtsam.NoiseModelFactor:
         window = self._window
-        rest = motion, self._charts[i], points, window.calibration.body_T_cam, window.gravity
+        gravity = window.config.imu.gravity_in_world
+        rest = motion, self._charts[i], points, window.calibration.body_T_cam, gravity
         if self._time_offset_key is None:
             return ruled_surface_factor(noise, POSE, VELOCITY, BIAS, LINES + i, *rest)
         keys = POSE, VELOCITY, BIAS, self._time_offset_key, LINES + i

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import gtsam
-import numpy as np
 
 from ruledgraph.backend.line_factors import compressed_points
 from ruledgraph.calibration.sensors import Calibration
-from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph_factors import FrameMotion, ImuSamples, preintegrate_frames
@@ -42,11 +40,6 @@ class FirstWindow:
     def sigma(self) -> float:
         """Standard deviation of a point, normalised units."""
         return self.config.start.sigma_px / self.calibration.camera.focal_length
-
-    @property
-    def gravity(self) -> FloatArray:
-        """In the world, (3,), m/s^2."""
-        return np.array([0.0, 0.0, -self.config.imu.gravity])
 
     def motion(self, bias: gtsam.imuBias.ConstantBias, with_time: bool = False) -> FrameMotion:
         """From its start to all its frames, integrated with a bias of the IMU."""

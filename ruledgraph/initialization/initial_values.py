@@ -95,7 +95,7 @@ def _poses(
 ) -> list[gtsam.Pose3]:
     """world_T_body of the frames."""
     state = gtsam.NavState(gtsam.Pose3(attitude, np.zeros(3)), velocity)
-    return motion.poses(state, bias, window.gravity)
+    return motion.poses(state, bias, window.config.imu.gravity_in_world)
 
 
 def _turn(one: FloatArray, other: FloatArray) -> gtsam.Rot3:

@@ -9,10 +9,10 @@ import pytest
 
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.settings import load_config
-from ruledgraph.simulation import Simulation, simulate
+from ruledgraph.simulation import Simulation
 from ruledgraph.simulation import imu as simulated_imu
 from small_runs import ate, run
-from small_simulation import SMALL
+from small_simulation import new_small_simulation
 
 
 @pytest.mark.parametrize(
@@ -59,15 +59,7 @@ def simulated(
     gravity: float, moving: bool, readout: float, monkeypatch: pytest.MonkeyPatch
 ) -> Simulation:
     monkeypatch.setattr(simulated_imu, "STANDARD_GRAVITY", (0.0, 0.0, -gravity))
-    return simulate(
-        "noncoplanar_cluttered",
-        "free",
-        calibration=SMALL.with_readout(readout),
-        rate=30.0,
-        duration=4.5,
-        moving_start=moving,
-        seed=1,
-    )
+    return new_small_simulation(1, moving, readout=readout)
 
 
 def speed_error(found: Sequence[Estimate], simulation: Simulation) -> float:

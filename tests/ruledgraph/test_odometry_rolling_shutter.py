@@ -21,7 +21,7 @@ from ruledgraph.segments.rows import row_motion
 from ruledgraph.simulation import Simulation, make_scene, simulate
 from ruledgraph.simulation import imu as simulated_imu
 from small_runs import ate, run
-from small_simulation import SMALL
+from small_simulation import SMALL, new_small_simulation
 
 READOUT = 0.025
 
@@ -29,15 +29,7 @@ READOUT = 0.025
 @cache
 def recorded(readout: float, moving: bool) -> tuple[Simulation, tuple[Measurement, ...]]:
     """Hand-held before a cluttered wall, 30 frames a second."""
-    simulation = simulate(
-        "noncoplanar_cluttered",
-        "free",
-        calibration=SMALL.with_readout(readout),
-        rate=30.0,
-        duration=4.5,
-        moving_start=moving,
-        seed=1,
-    )
+    simulation = new_small_simulation(1, moving, readout=readout)
     return simulation, tuple(simulation.stream())
 
 
