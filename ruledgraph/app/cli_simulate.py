@@ -70,7 +70,8 @@ def _list_simulations(context: click.Context, _option: click.Parameter, wanted: 
 @click.option(
     "--imu",
     metavar="d435i|euroc|none|FILE",
-    help="Take this IMU's noise, or EuRoC's imu0.csv that goes with a measured motion.",
+    help="Take this IMU's noise, or EuRoC's imu0.csv that goes with a measured motion: the views "
+    "then follow what it felt.",
 )
 @click.option(
     "--imu-rate",

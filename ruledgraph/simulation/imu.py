@@ -24,8 +24,6 @@ from ruledgraph_factors import STANDARD_GRAVITY, ImuSamples
 _CHUNK = 1000
 # Deviations of the bias when an IMU is switched on: m/s^2 and rad/s.
 _BIAS_SIGMAS = np.repeat([0.08, 0.004], 3)
-# EuRoC's table of states: rotation rate and acceleration bias behind stamp, pose and velocity.
-_STATE_COLUMNS, _GYROSCOPE_BIAS, _ACCELEROMETER_BIAS = 17, (11, 12, 13), (14, 15, 16)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,31 +165,23 @@ class SyntheticImu:
 
 
 class RecordedImu:
-    """The samples of a real IMU that moved along a measured trajectory.
+    """The samples of a real IMU that moved along a measured trajectory; its bias is NaN until it is
+    given by `with_bias`.
 
     Args:
         path: EuRoC's imu0/data.csv: stamp (ns), gyroscope, accelerometer.
-        states: EuRoC's table of true states, whose estimate of the bias passes as the true one;
-            without it the bias is unknown, NaN.
 
     Raises:
         RuledgraphError: for files that cannot be read or have other columns.
     """
 
-    def __init__(self, path: str | Path, states: str | Path | None = None) -> None:
+    def __init__(self, path: str | Path) -> None:
         table = read_table(Path(path))
         if table.width != 7:
             raise RuledgraphError(f"{path}: {table.width} columns, but EuRoC's IMU files have 7")
         self.stamps = table.stamps(0, "ns")
         self._values = table.numbers(range(1, 7))
         self._bias_stamps, self._bias = self.stamps[:1], np.full((1, 6), np.nan)
-        if states is not None:
-            truth = read_table(Path(states))
-            if truth.width < _STATE_COLUMNS:
-                raise RuledgraphError(f"{states}: {truth.width} columns, EuRoC's states have 17")
-            self._bias_stamps = truth.stamps(0, "ns")
-            columns = [*_ACCELEROMETER_BIAS, *_GYROSCOPE_BIAS]
-            self._bias = truth.numbers(columns)
 
     def between(self, start: int, stop: int) -> "RecordedImu":
         """Its part between two stamps.
@@ -208,6 +198,17 @@ class RecordedImu:
         part = copy.copy(self)
         part.stamps, part._values = self.stamps[inside], self._values[inside]
         return part
+
+    def integrable(self) -> ImuSamples:
+        """All samples, with times from the first one on, s."""
+        times = (self.stamps - self.stamps[0]) * 1e-9
+        return ImuSamples(times, self._values[:, :3], self._values[:, 3:])
+
+    def with_bias(self, stamps: NDArray[np.int64], bias: FloatArray) -> "RecordedImu":
+        """The same with this bias (M, 6), accelerometer and gyroscope, at stamps (M,)."""
+        known = copy.copy(self)
+        known._bias_stamps, known._bias = stamps, bias
+        return known
 
     def samples(self) -> Iterator[ImuSample]:  # noqa: D102
         for stamp, values in zip(self.stamps.tolist(), self._values, strict=True):

@@ -75,7 +75,7 @@ def simulation_from_options(
     elif imu in _IMUS:
         inertial = _IMUS[imu]
     elif measured and Path(imu).is_file():
-        inertial = RecordedImu(imu, _states(path))
+        inertial = RecordedImu(imu)
     else:
         raise RuledgraphError(
             f"IMU {imu!r} is none of {', '.join(_IMUS)}, nor a file beside a measured motion"
@@ -130,9 +130,3 @@ def _resized(calibration: Calibration, resolution: str) -> Calibration:
         cy=(camera.cy + 0.5 - 0.5 * camera.height) * scale + 0.5 * height - 0.5,
     )
     return replace(calibration, camera=resized).with_readout(calibration.readout)
-
-
-def _states(path: Path) -> Path | None:
-    """The measured trajectory itself where it also has the IMU's bias, as EuRoC's states have."""
-    with path.open() as file:
-        return path if file.readline().count(",") == 16 else None

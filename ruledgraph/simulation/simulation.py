@@ -17,7 +17,8 @@ from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.simulation.exposure import ImageQuality, Sensor
 from ruledgraph.simulation.imu import ImuSource, RecordedImu, SyntheticImu
-from ruledgraph.simulation.measured import MeasuredMotion
+from ruledgraph.simulation.inertial_motion import InertialMotion
+from ruledgraph.simulation.measured import CurveMotion, MeasuredMotion
 from ruledgraph.simulation.motion import Motion
 from ruledgraph.simulation.motions import make_motion
 from ruledgraph.simulation.renderer import Image, Renderer
@@ -255,15 +256,30 @@ def simulate(
         motion = make_motion(motion, body_R_cam, duration, moving_start, seed)
     else:
         surrounds = motion
-    if isinstance(scene, str):
-        scene = make_scene(scene, seed, surrounds)
-    epoch = motion.epoch if isinstance(motion, MeasuredMotion) else _EPOCH
     source: ImuSource
     if isinstance(imu, RecordedImu):
-        first, last = (epoch + round(time * 1e9) for time in (motion.start, motion.stop))
-        source = imu.between(first, last)
-    else:
+        motion, source = _as_felt(motion, imu, calibration.imu_noise)
+    if isinstance(scene, str):
+        scene = make_scene(scene, seed, surrounds)
+    epoch = motion.epoch if isinstance(motion, CurveMotion) else _EPOCH
+    if not isinstance(imu, RecordedImu):
         source = SyntheticImu(motion, imu_rate, imu, seed, epoch)
     if isinstance(imu, ImuNoise):
         calibration = replace(calibration, imu_noise=imu)
     return Simulation(scene, motion, calibration, rate, source, quality, seed, epoch)
+
+
+def _as_felt(
+    motion: Motion, imu: RecordedImu, noise: ImuNoise
+) -> tuple[InertialMotion, RecordedImu]:
+    """A measured motion as a real IMU felt it, and the IMU with the bias that this shows.
+
+    Raises:
+        RuledgraphError: when the motion was not measured or the IMU was silent during it.
+    """
+    if not isinstance(motion, MeasuredMotion):
+        raise RuledgraphError("a recorded IMU goes with a measured motion alone")
+    measured = motion.trajectory
+    part = imu.between(int(measured.stamps[0]), int(measured.stamps[-1]))
+    felt = InertialMotion(measured, part.stamps, part.integrable(), noise)
+    return felt, part.with_bias(felt.bias_stamps, felt.bias)
