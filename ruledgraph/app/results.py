@@ -20,7 +20,7 @@ from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import MachineError, RuledgraphError
-from ruledgraph.core.estimates import Estimate, LineEstimate
+from ruledgraph.core.estimates import Estimate, Innovation, LineEstimate
 from ruledgraph.core.line_file import LineFile, write_whole
 from ruledgraph.core.settings import config_text
 from ruledgraph.core.trajectory import TumWriter, seconds
@@ -39,6 +39,8 @@ _STATE_COLUMNS = [
     *(f"sigma_accelerometer_bias_{a}" for a in _AXES),
     "time_offset",
     "sigma_time_offset",
+    "nis",
+    "nis_dof",
     "lines",
     "status",
     "segment",
@@ -77,7 +79,8 @@ class Results(Closing):
     - `trajectory_live.tum`: world_T_body at each frame as known at its time;
     - `trajectory.tum`: the same as each frame left the window;
     - `states.csv`: at each state when it was new: velocity, biases, gravity, standard deviations
-      (rotation and position in the body frame), time offset, lines in view, status, segment;
+      (rotation and position in the body frame), time offset, normalised innovation squared and its
+      degrees of freedom, lines in view, status, segment;
     - `lines.csv`: end points in the world, their covariance, first and last stamp, edge points,
       sightings that were merged, segment; while it runs, lines as they left the window, one
       sighting each, and at the end the map, see `merged_lines`;
@@ -218,7 +221,10 @@ def _state_row(estimate: Estimate, gravity: FloatArray) -> list[Any]:
             estimate.time_offset,
         ]
     )
-    shown = [f"{number:.9g}" for number in numbers]
+    # Empty where there is none.
+    innovation: Sequence[float] = estimate.innovation or ()
+    shown = [f"{number:.9g}" for number in (*numbers, *innovation)]
+    shown += [""] * (len(Innovation._fields) - len(innovation))
     return [seconds(estimate.stamp), *shown, estimate.lines, estimate.status, estimate.segment]
 
 

@@ -18,7 +18,7 @@ from ruledgraph.app.trajectory_files import TrajectoryFormat
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError, machine_error
-from ruledgraph.core.estimates import Estimate, LineEstimate
+from ruledgraph.core.estimates import Estimate, Innovation, LineEstimate
 from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.core.trajectory import read_tum
 from ruledgraph.core.versions import machine_text, version_text
@@ -68,6 +68,7 @@ class _Tally:
     line_sightings: int = 0
     lines_in_view: int = 0
     statuses: Counter[str] = field(default_factory=Counter)
+    innovations: list[Innovation] = field(default_factory=list)
 
     @property
     def seconds(self) -> float:
@@ -231,6 +232,7 @@ def _hand_over(
     tally.line_sightings += len(lines)
     tally.lines_in_view += sum(estimate.lines for estimate in live)
     tally.statuses.update(estimate.status for estimate in live)
+    tally.innovations += [e.innovation for e in live if e.innovation is not None]
 
 
 def _progress(odometry: "Odometry | PaperOdometry", tally: _Tally) -> Progress:
@@ -275,11 +277,19 @@ def _summary(
         "lines": 0,
         "line_sightings": tally.line_sightings,
         "lines_in_view": tally.lines_in_view / max(tally.estimates, 1),
+        "innovations": _innovations(tally.innovations),
         "recoveries": odometry.recoveries,
         "warnings": warnings[:_MOST_WARNINGS],
         "warnings_left_off": max(0, len(warnings) - _MOST_WARNINGS) + odometry.warnings.left_off,
         "stages": stages,
     }
+
+
+def _innovations(of_states: Sequence[Innovation]) -> dict[str, Any]:
+    """How many states have one, and their mean NIS per degree of freedom; None without any."""
+    dof = sum(innovation.dof for innovation in of_states)
+    nis = sum(innovation.nis for innovation in of_states)
+    return {"states": len(of_states), "nis_per_dof": nis / dof if dof else None}
 
 
 def _accuracy(output: Path, ground_truth: GroundTruth) -> dict[str, Any]:

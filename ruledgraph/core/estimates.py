@@ -3,7 +3,7 @@
 """What comes out of an odometry: estimates of frames, and lines."""
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import gtsam
 import numpy as np
@@ -19,6 +19,16 @@ Covariances: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 def blocks(covariance: FloatArray) -> Covariances:
     """The blocks of pose, velocity and bias of a joint covariance, (15, 15)."""
     return covariance[:6, :6], covariance[6:9, 6:9], covariance[9:, 9:]
+
+
+class Innovation(NamedTuple):
+    """How far a state moved from its prediction when the images were taken in."""
+
+    nis: float
+    """Normalised innovation squared: chi-square with `dof` degrees of freedom where the noise
+    figures of IMU and edges are right."""
+    dof: int
+    """Directions of the state that the images told something of."""
 
 
 Status = Literal["tracking", "still", "dead reckoning", "degraded"]
@@ -49,6 +59,9 @@ class Estimate:
     """Counts from 0; between two of them there is a gap or a failure."""
     time_offset: TimeOffset = NO_OFFSET
     """t_imu - t_cam, s, as of the last state; sigma 0 where it is not estimated."""
+    innovation: Innovation | None = None
+    """Of a state when it was new; None of other frames, of a segment's first state, of smoothed
+    estimates, and at rest where the window was not solved at the state before."""
 
     @property
     def time(self) -> float:

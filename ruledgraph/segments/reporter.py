@@ -107,6 +107,7 @@ class EstimateReporter:
             at_state=at_state,
             segment=self._segment,
             time_offset=time_offset,
+            innovation=window.innovation if at_state else None,
         )
         self._out.put(live=[estimate])
         self._live_by_stamp[frame.stamp] = estimate

@@ -17,6 +17,7 @@ from ruledgraph.core.line_file import write_whole
 from ruledgraph.core.measurements import Frame
 from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.odometry import Odometry
+from ruledgraph.visualization.innovation_figure import innovation_figure
 from ruledgraph.visualization.overlay import Image, draw_overlay
 from ruledgraph.visualization.run_tables import read_run_tables
 from ruledgraph.visualization.state_figures import consistency_figure, state_figure, status_figure
@@ -98,6 +99,9 @@ def result_figures(
         consistency = consistency_figure(run, truth) if truth is not None else None
         if consistency is not None:
             figures["consistency"] = consistency
+        innovations = innovation_figure(run)
+        if innovations is not None:
+            figures["innovations"] = innovations
         figures |= {"status": status_figure(run), "states": state_figure(run)}
         if directrices:
             figures["directrices"] = directrix_figure(run)

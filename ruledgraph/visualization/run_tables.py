@@ -37,7 +37,7 @@ class RunTables:
     smoothed: Trajectory
     live: Trajectory
     states: dict[str, FloatArray]
-    """The numbers of `states.csv`: column -> (K,)."""
+    """The numbers of `states.csv`: column -> (K,); NaN where a cell is empty."""
     statuses: list[str]
     """At each state."""
     lines: LineTable
@@ -83,7 +83,9 @@ def read_run_tables(folder: Path) -> RunTables:
     try:
         statuses = [row.pop("status") for row in states]
         columns = list(states[0]) if states else []
-        numbers = {name: np.array([float(row[name]) for row in states]) for name in columns}
+        numbers = {
+            name: np.array([float(row[name] or np.nan) for row in states]) for name in columns
+        }
         return RunTables(smoothed, live, numbers, statuses, _lines(lines), _span(folder, live))
     except (KeyError, TypeError, ValueError) as error:
         raise RuledgraphError(f"{folder}: its tables are not those of a run: {error}") from None

@@ -25,6 +25,7 @@ from ruledgraph.visualization.report.run import TRAJECTORIES, Run
 _TITLES = {
     "trajectory": "Trajectory and line map, to one scale",
     "consistency": "Live errors in body axes, with the 3 sigma reported for each",
+    "innovations": "Innovations by their covariance: 1 where the noise figures are right",
     "status": "Lines in view, reported position sigma and status",
     "states": "Velocity and IMU biases when each state was new, with 3 sigma",
     "ruled_surfaces": "Ruled surfaces: lines in image and time",

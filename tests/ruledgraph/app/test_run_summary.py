@@ -13,6 +13,7 @@ SUMMARY = {
     "lines": 30,
     "line_sightings": 45,
     "lines_in_view": 9.25,
+    "innovations": {"states": 0, "nis_per_dof": None},
     "recoveries": [],
     "recording_s": 10.0,
     "wall_s": 4.0,
@@ -37,6 +38,13 @@ def test_shares_are_of_the_right_whole():
     assert "Readout" not in found
     assert "Extrinsics" not in found
     assert rows(readout_s=0.02)["Readout"] == "20.0 ms of a rolling shutter, as given"
+
+
+def test_how_well_the_noise_figures_fit():
+    assert "Innovations" not in rows()
+    assert rows(innovations={"states": 90, "nis_per_dof": 3.82})["Innovations"] == (
+        "NIS 3.8 per degree of freedom, 1 where the noise figures are right; over 90 states"
+    )
 
 
 def test_errors_offset_and_recoveries_where_there_are_some():

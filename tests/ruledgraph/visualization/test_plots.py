@@ -149,14 +149,36 @@ def test_errors_count_from_the_first_pose_and_are_in_body_axes(tmp_path):
     np.testing.assert_allclose(errors, bumped, atol=1e-9)
 
 
+def set_column(run, name, values):
+    """Overwrite a column of `states.csv`."""
+    text = (run / "states.csv").read_text().splitlines()
+    column = text[0].split(",").index(name)
+    rows = [row.split(",") for row in text[1:]]
+    for row, value in zip(rows, values, strict=True):
+        row[column] = value
+    (run / "states.csv").write_text("\n".join([text[0], *map(",".join, rows)]) + "\n")
+
+
+def test_innovations_are_shown_over_their_degrees_of_freedom(tmp_path):
+    run = write_run(tmp_path / "run", circle())
+    # Of 31 states two have none and one is far beyond what 6 degrees of freedom explain.
+    set_column(run, "nis", ["", "", "60", *["6"] * 28])
+    set_column(run, "nis_dof", ["", "", *["6"] * 29])
+    (axes,) = result_figures(run, None)["innovations"].axes
+    np.testing.assert_allclose(axes.lines[0].get_ydata(), [10.0, *[1.0] * 28])
+    assert axes.lines[1].get_ydata()[0] == pytest.approx(1.9)  # (10 + 9) / 10
+    assert axes.get_title(loc="right") == "mean 1.31 (1 expected), 97 % within bounds"
+
+
+def test_without_innovations_there_is_no_figure_of_them(tmp_path):
+    run = write_run(tmp_path / "run", circle())
+    set_column(run, "nis", [""] * 31)
+    assert "innovations" not in result_figures(run, None)
+
+
 def test_each_axis_has_its_own_band(tmp_path):
     run = write_run(tmp_path / "run", circle())
-    text = (run / "states.csv").read_text().splitlines()
-    column = text[0].split(",").index("sigma_position_y")
-    rows = [row.split(",") for row in text[1:]]
-    for row in rows:
-        row[column] = "0.05"
-    (run / "states.csv").write_text("\n".join([text[0], *map(",".join, rows)]) + "\n")
+    set_column(run, "sigma_position_y", ["0.05"] * 31)
     figure = result_figures(run, truth())["consistency"]
     widths = [axes.lines[1].get_ydata()[5] for axes in figure.axes[:3]]
     assert widths == pytest.approx([30.0, 150.0, 30.0])

@@ -166,7 +166,7 @@ def test_pictures_are_drawn_where_there_are_none(finished, tmp_path):
     titles = [title for title, _ in found.images()]
     assert titles[0] == "Position error, aligned"
     assert titles[1] == "Trajectory and line map, to one scale"
-    assert len(titles) == 5
+    assert len(titles) == 6
     for _, source in found.images():
         data = base64.b64decode(source.removeprefix("data:image/png;base64,"), validate=True)
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)

@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Normalised innovations of states."""
+
+import gtsam
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from ruledgraph.backend.innovation import Prediction, innovation
+from ruledgraph.backend.states import StateNode
+from ruledgraph.core.arrays import FloatArray
+from small_runs import run
+from small_simulation import new_small_simulation
+
+STATE = gtsam.NavState(
+    gtsam.Rot3.RzRyRx(0.3, -0.2, 1.0), np.array([1.0, 2, 3]), np.array([0.4, 0, 1])
+)
+BIAS = gtsam.imuBias.ConstantBias(np.array([0.1, 0, 0]), np.array([0, 0.01, 0]))
+
+
+def moved(by: FloatArray, covariance: FloatArray) -> StateNode:
+    """STATE and BIAS moved by (rotation, position, velocity, bias), (15,)."""
+    pose = STATE.pose().retract(by[:6])
+    state = gtsam.NavState(pose, STATE.velocity() + by[6:9])
+    bias = gtsam.imuBias.ConstantBias(BIAS.accelerometer() + by[9:12], BIAS.gyroscope() + by[12:])
+    return StateNode(1, 0.2, state, bias, covariance)
+
+
+def kalman(rng: np.random.Generator, rows: int, sigma: float) -> tuple[FloatArray, ...]:
+    """A prediction's covariance, and what a measurement makes of it: gain, P and S."""
+    root = rng.normal(size=(15, 15)) * np.repeat([1e-3, 1e-3, 1e-2, 1e-2, 1e-4], 3)[:, None]
+    before = root @ root.T
+    H = rng.normal(size=(rows, 15)) @ np.linalg.inv(np.linalg.cholesky(before))
+    S = H @ before @ H.T + sigma**2 * np.eye(rows)
+    gain = before @ H.T @ np.linalg.inv(S)
+    return before, gain, before - gain @ S @ gain.T, S
+
+
+@pytest.mark.parametrize("rows", [1, 4, 9])
+def test_it_is_that_of_the_measurement(rows: int) -> None:
+    """A sharp measurement of fewer rows than the state has: both are the same to rounding."""
+    rng = np.random.default_rng(rows)
+    before, gain, after, S = kalman(rng, rows, 0.5)
+    unexpected = np.linalg.cholesky(S) @ rng.normal(size=rows)
+    found = innovation(Prediction(STATE, BIAS, before), moved(gain @ unexpected, after))
+    assert found.dof == rows
+    assert found.nis == pytest.approx(unexpected @ np.linalg.solve(S, unexpected), rel=1e-5)
+
+
+def test_it_is_chi_square() -> None:
+    rng = np.random.default_rng(3)
+    before, gain, after, S = kalman(rng, 5, 1.0)
+    root, predicted = np.linalg.cholesky(S), Prediction(STATE, BIAS, before)
+    steps = (gain @ root @ rng.normal(size=(5, 400))).T
+    values = [innovation(predicted, moved(step, after)).nis for step in steps]
+    # The mean of 400 has a standard deviation of 3 % of 5, the shares one of 1 %.
+    assert np.mean(values) == pytest.approx(5.0, rel=0.1)
+    assert np.mean(np.array(values) > chi2.ppf(0.95, 5)) == pytest.approx(0.05, abs=0.035)
+
+
+def test_directions_that_are_not_told_do_not_count() -> None:
+    """Place and heading: whatever a state moves there says nothing of the noise."""
+    before = np.diag(np.repeat([1e-6, 1e-2, 1e-4, 1e-3, 1e-8], 3))
+    after = before.copy()
+    after[6:9, 6:9] *= 0.2
+    step = np.zeros(15)
+    step[3:6], step[6:9] = 0.5, 0.01
+    found = innovation(Prediction(STATE, BIAS, before), moved(step, after))
+    assert found.dof == 3
+    # 3 (0.01 m/s)^2 over the variance that is gone.
+    assert found.nis == pytest.approx(3 * 0.01**2 / 0.8e-4, rel=1e-6)
+
+
+def test_states_of_a_recording_have_innovations_as_their_noise_figures_say() -> None:
+    simulation = new_small_simulation(seed=2, moving=True, duration=5.0)
+    _, live, smoothed = run(simulation.stream(), simulation.calibration)
+    assert all(e.innovation is None for e in live if not e.at_state)
+    assert all(e.innovation is None for e in smoothed)
+    found = [e.innovation for e in live if e.innovation is not None]
+    assert len(found) > 10
+    ratio = sum(i.nis for i in found) / sum(i.dof for i in found)
+    # The noise of rendered edges is smaller than assumed; beyond 2 the estimate would be too sure.
+    assert 0.05 < ratio < 2.0
