@@ -195,7 +195,7 @@ def _trajectory(estimates: Sequence[Estimate]) -> Trajectory:
 def _mean_nees(
     live: Sequence[Estimate], beginning: Estimate, simulation: Simulation
 ) -> dict[str, float]:
-    found = nees(live, beginning, simulation)
+    found = nees([e for e in live if e.at_state], beginning, simulation)
     return {f"nees {name}": float(found[name].mean()) for name in ("pose", "velocity", "bias")}
 
 

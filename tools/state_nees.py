@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Errors of the live states of a simulated recording, by their covariances: NEES."""
+"""Errors of the estimates of a simulated recording, by their covariances: NEES."""
 
 from collections.abc import Sequence
 
@@ -25,13 +25,12 @@ NEES_PARTS = {
 
 
 def nees(
-    live: Sequence[Estimate], beginning: Estimate, simulation: Simulation
+    estimates: Sequence[Estimate], beginning: Estimate, simulation: Simulation
 ) -> dict[str, FloatArray]:
-    """e^T S^-1 e for each degree of freedom, of the live states and parts of them; place and
-    heading of the world are fixed where the window began, which the covariances count from.
+    """e^T S^-1 e for each degree of freedom, of estimates and parts of them; place and heading of
+    the world are fixed where the window began, which the covariances count from.
     """
-    nodes = [e for e in live if e.at_state]
-    true = simulation.truth(np.array([beginning.stamp, *(e.stamp for e in nodes)]))
+    true = simulation.truth(np.array([beginning.stamp, *(e.stamp for e in estimates)]))
     poses = [
         gtsam.Pose3(gtsam.Rot3(R), p) for R, p in zip(true.rotation, true.position, strict=True)
     ]
@@ -40,14 +39,14 @@ def nees(
     shift = poses[0].translation() - yaw.rotate(first.translation())
     true_T_world = gtsam.Pose3(yaw, shift)
     found: dict[str, list[float]] = {name: [] for name in NEES_PARTS}
-    for i, node in enumerate(nodes, start=1):
-        error = true_T_world.compose(node.world_T_body).between(poses[i])
+    for i, estimate in enumerate(estimates, start=1):
+        error = true_T_world.compose(estimate.world_T_body).between(poses[i])
         states = {
             "pose": gtsam.Pose3.Logmap(error),
-            "velocity": yaw.rotate(node.velocity) - true.velocity[i],
-            "bias": node.bias.vector() - true.bias[i],
+            "velocity": yaw.rotate(estimate.velocity) - true.velocity[i],
+            "bias": estimate.bias.vector() - true.bias[i],
         }
-        covariances = dict(zip(states, node.covariances, strict=True))
+        covariances = dict(zip(states, estimate.covariances, strict=True))
         for name, (state, part) in NEES_PARTS.items():
             e, S = states[state][part], covariances[state][part, part]
             found[name].append(float(e @ np.linalg.solve(S, e)) / len(e))

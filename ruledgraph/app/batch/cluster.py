@@ -104,7 +104,8 @@ def completed(
                 n_workers=min(workers, len(items)),
                 threads_per_worker=1,
                 processes=True,
-                dashboard_address=None,
+                # None would take a fixed port, and warn when another batch has it.
+                dashboard_address="127.0.0.1:0",
                 silence_logs="ERROR",
             )
             scheduler_or_cluster = stack.enter_context(cluster)
