@@ -72,7 +72,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         (
             ("2.0 * float(np.mean(errors))", "0.2 * float(np.mean(errors))"),
             ("misfits / compared if", "0.5 * misfits / compared if"),
-            ("scale**2", "scale"),
+            ("(misfit / limits.usual_misfit) ** 2", "misfit / limits.usual_misfit"),
         ),
     ),
     (
@@ -86,7 +86,44 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
     (
         "integrity/monitor.py",
         "integrity/test_monitor",
-        (("self._excess = max(excess, fading * self._excess)", "self._excess = excess"),),
+        (
+            ("max(misfit, fading * self._misfit)", "misfit"),
+            ("min(self._variance_factor, 1.0) + self._excess", "self._excess"),
+        ),
+    ),
+    (
+        "integrity/variance_factor.py",
+        "integrity/test_variance_factor",
+        (
+            ("min(elapsed / self._window, 1.0)", "1.0"),
+            ("(self._prior + self._nis)", "self._nis"),
+            ("kept * self._nis", "self._nis"),
+        ),
+    ),
+    (
+        "backend/innovation.py",
+        "backend/test_innovation",
+        (
+            ("shares > _LEAST_GAIN", "shares > -1.0"),
+            ("steps**2 / shares[told]", "steps**2"),
+            ("found.bias.vector() - predicted.bias.vector()", "np.zeros(6)"),
+            ("self._predictions[0]", "self._predictions[-1]"),
+        ),
+    ),
+    (
+        "simulation/inertial_motion.py",
+        "simulation/test_inertial_motion",
+        (
+            (
+                "noiseModel.Robust.Create(noiseModel.mEstimator.Huber.Create(_HUBER), sigmas)",
+                "sigmas",
+            ),
+            (
+                "np.searchsorted(middles, measured.stamps)",
+                "1 + np.searchsorted(middles, measured.stamps)",
+            ),
+            ("+ 0.5) * _BIAS_TIME", ") * _BIAS_TIME"),
+        ),
     ),
     (
         "integrity/rest_slide.py",
@@ -117,9 +154,12 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "initialization/at_rest.py",
         "initialization/test_at_rest",
         (
-            ("pose_covariance(attitude, a / _G)", "pose_covariance(attitude, 0.1 * a / _G)"),
+            (
+                "pose_covariance(attitude, a / gravity)",
+                "pose_covariance(attitude, 0.1 * a / gravity)",
+            ),
             ("samples.gyroscope.mean(axis=0)", "np.zeros(3)"),
-            ("config.start.gravity_share * _G", "_G"),
+            ("config.start.gravity_share * gravity", "_G"),
         ),
     ),
     (

@@ -1,22 +1,25 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""How far the images moved a state from where the IMU had predicted it."""
+"""How far the images moved a state from where the IMU had predicted it, a window before."""
 
-from typing import NamedTuple
+from typing import Protocol
 
 import gtsam
 import numpy as np
 
-from ruledgraph.backend.states import StateNode
+from ruledgraph.backend.states import Interval, StateNode
+from ruledgraph.calibration.sensors import ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.estimates import Innovation
+from ruledgraph.imu.buffer import ImuBuffer
+from ruledgraph.imu.propagation import propagated_covariances
 
 # Directions count in which the variance fell by this share: less is lost in linearisation.
 _LEAST_GAIN = 0.1
 
 
-class Prediction(NamedTuple):
-    """A state as the IMU predicts it from the one before."""
+class Known(Protocol):
+    """A state as it was known at some time."""
 
     state: gtsam.NavState
     bias: gtsam.imuBias.ConstantBias
@@ -24,11 +27,62 @@ class Prediction(NamedTuple):
     """Of pose, velocity and bias, (15, 15)."""
 
 
-def innovation(predicted: Prediction, found: StateNode) -> Innovation:
+class Prediction:
+    """A state as it was estimated when it was new, carried on by the IMU alone."""
+
+    def __init__(self, node: StateNode) -> None:
+        self.since = self.time = node.time
+        """When it was estimated, and how far it was carried, s."""
+        self.state = node.state
+        self.bias = node.bias
+        self.covariance = node.covariance
+
+    def carry_on(self, interval: Interval, time: float, imu: ImuBuffer, noise: ImuNoise) -> None:
+        """To the end of the next interval, at a time, s."""
+        motion = interval.motion.select([-1])
+        covariance = propagated_covariances(self, motion, imu, noise)[0]
+        pose = motion.poses(self.state, self.bias, imu.gravity)[0]
+        velocity = motion.velocities(self.state, self.bias, imu.gravity)[0]
+        self.state, self.time, self.covariance = gtsam.NavState(pose, velocity), time, covariance
+
+
+class Predictions:
+    """Of the newest state, from the states before it.
+
+    Over a window the IMU's slow errors show (bias, scale), of which from one state to the next
+    there is nothing to be seen beside the noise of edges.
+
+    Args:
+        longest: of the time that the IMU carries one, s: the window.
+    """
+
+    def __init__(self, longest: float) -> None:
+        self._longest = longest
+        self._predictions: list[Prediction] = []
+
+    def clear(self) -> None:
+        """Begin anew: at rest it is not the IMU that predicts."""
+        self._predictions.clear()
+
+    def extend(
+        self, before: StateNode, interval: Interval, time: float, imu: ImuBuffer, noise: ImuNoise
+    ) -> None:
+        """Go on to a new state, at a time (s), at the end of the interval after `before`."""
+        recent = [p for p in self._predictions if time - p.since <= self._longest]
+        self._predictions = [*recent, Prediction(before)]
+        for prediction in self._predictions:
+            prediction.carry_on(interval, time, imu, noise)
+
+    def innovation(self, found: StateNode) -> Innovation | None:
+        """Of the newest state against its oldest prediction; None where there is none."""
+        return innovation(self._predictions[0], found) if self._predictions else None
+
+
+def innovation(predicted: Known, found: Known) -> Innovation:
     """The normalised innovation squared that a state has taken up.
 
-    With the prediction x- of covariance P- and the estimate x of covariance P, an update with the
-    right noise figures moves the state by a sum of independent steps:
+    With the prediction x- of covariance P- and the estimate x of covariance P, updates with the
+    right noise figures move the state by a sum of independent steps:
 
         x - x- ~ N(0, P- - P),    NIS = sum_i (u_i . (x - x-))^2 / gain_i,
 
@@ -37,7 +91,8 @@ def innovation(predicted: Prediction, found: StateNode) -> Innovation:
     tenth or more; the others, such as place and heading, the images say nothing of.
 
     Source: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation
-    (2001), 5.4; P- - P = K S K^T with the gain K and the innovation's covariance S.
+    (2001), 5.4; P- - P is the sum of K S K^T over the updates between them, with the gain K and
+    the innovation's covariance S.
     """
     before, after = predicted.state, found.state
     moved = np.concatenate(

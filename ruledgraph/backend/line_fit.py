@@ -17,8 +17,6 @@ _AT_INFINITY = 0.01
 class LineFit(NamedTuple):
     """Of a line in an interval."""
 
-    offset: float
-    """Mean distance of its points over the standard deviation of that."""
     is_misfit: bool
     """Whether it does not fit its points."""
     is_behind: bool
@@ -34,13 +32,11 @@ def line_fit(seen: LineObservation, state: State, model: EdgeModel, config: Line
         model: of the camera and its edge points.
         config: limits.
     """
-    line, points = seen.line, seen.points
+    line = seen.line
     value = seen.factor.evaluate(state._replace(line=line.delta), False).value
-    weight = points.weight
-    rms_px = math.sqrt(float(value @ value) / weight) * model.focal
+    rms_px = math.sqrt(float(value @ value) / seen.points.weight) * model.focal
     inverse, sigma = line.inverse_distance()
     return LineFit(
-        offset=points.mean_distance(value) * math.sqrt(weight) / model.sigma,
         is_misfit=rms_px > config.max_misfit_px,
         is_behind=inverse < -config.behind_sigmas * sigma - _AT_INFINITY,
     )

@@ -129,7 +129,7 @@ class LineMap:
             if seen.factor.spec.keys[-1] != line.key or self.lines.get(line.id) is not line:
                 continue  # it was just re-anchored, or dropped
             fit = line_fit(seen, state, self._model, self._config)
-            interval.line_offsets.append(fit.offset)
+            interval.compared += 1
             interval.misfits += fit.is_misfit
             bad = fit.is_misfit or fit.is_behind
             line.bad_states = line.bad_states + 1 if bad else 0

@@ -10,7 +10,7 @@ import numpy as np
 
 from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.imu_intervals import imu_interval
-from ruledgraph.backend.innovation import Prediction, innovation
+from ruledgraph.backend.innovation import Predictions
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_map import LineMap
 from ruledgraph.backend.rest_factors import rest_factors
@@ -25,7 +25,6 @@ from ruledgraph.core.estimates import Innovation, blocks
 from ruledgraph.core.extrinsics import Extrinsics
 from ruledgraph.core.line_observations import LineTrack
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.imu.propagation import propagated_covariances
 
 
 class Window:
@@ -60,7 +59,7 @@ class Window:
         """Time of the newest state that was optimised, s."""
         self.innovation: Innovation | None = None
         """Of the newest state, see `Estimate.innovation`."""
-        self._prediction: Prediction | None = None
+        self._predictions = Predictions(config.window.lag)
         self._update = GraphUpdate()
         add_priors(self._update.factors, first)
         self._update.insert(first)
@@ -138,11 +137,11 @@ class Window:
         )
         self._update.factors.add(interval.imu_factors[0])
         add_self_calibration(self._update, interval, latest, self._config)
-        self.innovation = self._prediction = None
-        if before.time == self.solved and not still:
-            last = interval.motion.select([-1])
-            covariance = propagated_covariances(before, last, imu, self._imu_noise)[0]
-            self._prediction = Prediction(new.state, new.bias, covariance)
+        self.innovation = None
+        if still or before.time != self.solved:
+            self._predictions.clear()
+        else:
+            self._predictions.extend(before, interval, new.time, imu, self._imu_noise)
         self._states.append(interval, new)
         self._update.insert(new)
         for factor in rest_factors(self.intervals, new.time, self._config.rest):
@@ -162,8 +161,7 @@ class Window:
         self._solver.solve(self._update)
         self._update = GraphUpdate()
         self.solved = self.newest.time
-        predicted = self._prediction
-        self.innovation = None if predicted is None else innovation(predicted, self.newest)
+        self.innovation = self._predictions.innovation(self.newest)
         self.self_calibration = self.self_calibration.after(self.intervals[-1])
         self.line_map.check_fit(self.intervals[-1])
         return gone

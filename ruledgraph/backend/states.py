@@ -87,11 +87,10 @@ class Interval:
     still: bool = False
     """Whether the body rested all the time, and for some time before."""
     observations: list[LineObservation] = field(default_factory=list)
-    line_offsets: list[float] = field(default_factory=list)
-    """Mean distance of a line's points from the line over its standard deviation, for each line
-    that was compared with them while the interval was the newest one ..."""
+    compared: int = 0
+    """Lines that were compared with their points while the interval was the newest one ..."""
     misfits: int = 0
-    """... and how many of these lines did not fit."""
+    """... and how many of these did not fit."""
     _cached_poses: tuple[gtsam.NavState, list[gtsam.Pose3]] | None = None
     _cached_cameras: tuple[list[gtsam.Pose3], list[gtsam.Pose3]] | None = None
 

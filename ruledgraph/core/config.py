@@ -156,14 +156,15 @@ class IntegrityConfig(Section):
     """Fewest intervals between states that are checked."""
     min_observations: int = number(10, "", 1, 10_000)
     """Fewest lines compared with their points, for the share that does not fit."""
-    usual_error: float = number(3.0, "", 0.1, 1e3)
-    """Twice the mean error of the IMU factors beyond which covariances grow."""
-    error_exponent: float = number(1.5, "", 0.0, 10.0)
-    """Power of that error that covariances grow with: 1 were the contradiction white noise."""
     max_error: float = number(45.0, "", 0.1, 1e6)
     """Error from which images and IMU disagree: a focal length off by 3 % gives 90."""
     agreed_error: float = number(20.0, "", 0.1, 1e6)
     """Error below which they agree again."""
+    variance_prior: float = number(5.0, "", 0.1, 1e3)
+    """Degrees of freedom that the noise figures count for, beside the innovations: a window of a
+    moving camera has about ten."""
+    variance_memory: float = number(5.0, "s", 0.1, 1e4)
+    """Time constant with which innovations are forgotten: two windows."""
     fade_time: float = number(5.0, "s", 0.01, 1e3)
     """Time constant with which inflated covariances shrink again."""
     usual_misfit: float = number(0.1, "", 0.001, 1.0)
@@ -176,12 +177,6 @@ class IntegrityConfig(Section):
     """Share beyond which the estimate is lost at once ..."""
     lost_time: float = number(1.0, "s", 0.0, 60.0)
     """... or when lines and estimate have disagreed for so long."""
-    min_moving_intervals: int = number(3, "", 1, 1000)
-    """Fewest intervals in motion from which the scale of the lines' offsets is computed."""
-    min_offsets: int = number(20, "", 2, 10_000)
-    """Fewest offsets of lines from which that is computed."""
-    min_covariance_share: float = number(0.65, "", 0.01, 1.0)
-    """Least share of the window's covariances, where lines fit better than expected."""
     min_lines: int = number(2, "", 1, 100)
     """With fewer lines in view the IMU alone carries the estimate ..."""
     lines_missing_time: float = number(0.3, "s", 0.0, 60.0)

@@ -22,7 +22,9 @@ def blocks(covariance: FloatArray) -> Covariances:
 
 
 class Innovation(NamedTuple):
-    """How far a state moved from its prediction when the images were taken in."""
+    """How far the images moved a state from where the IMU alone carries the state of one window
+    before, or of the beginning of the motion, if that is later.
+    """
 
     nis: float
     """Normalised innovation squared: chi-square with `dof` degrees of freedom where the noise

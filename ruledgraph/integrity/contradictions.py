@@ -13,9 +13,6 @@ from ruledgraph.backend.states import Interval
 from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.timing import Messages
 
-# The median of the absolute value of a standard normal variable.
-_MEDIAN = 0.6745
-
 
 class ImuCheck:
     """Compares the estimate with the IMU."""
@@ -26,18 +23,17 @@ class ImuCheck:
         self.contradicts = False
         """Whether images and IMU do."""
 
-    def excess(self, window: Window) -> float:
-        """By how much the IMU factors' error says that covariances are too small."""
+    def update(self, window: Window) -> None:
+        """Take in the window's newest state."""
         error, limits, time = imu_error(window, self._config), self._config, window.newest.time
         if error is None:
-            return 1.0
+            return
         if error > limits.max_error and not self.contradicts:
             self._warnings.append(
                 f"images and IMU disagree since {time:.2f} s: check time offset, extrinsics "
                 "and the IMU's range"
             )
         self.contradicts = error > (limits.agreed_error if self.contradicts else limits.max_error)
-        return float((error / limits.usual_error) ** limits.error_exponent)
 
 
 class LineCheck:
@@ -48,8 +44,6 @@ class LineCheck:
         self._config = config
         self._misfit = 0.0
         self._misfit_since: float | None = None
-        self.covariance_share = 1.0
-        """Factor of the window's covariances, below 1 where lines fit better than expected."""
         self.lost = False
         """Whether most lines do not fit the estimate."""
 
@@ -59,11 +53,11 @@ class LineCheck:
         return self._misfit_since is not None
 
     def excess(self, window: Window, still: bool) -> float:
-        """By how much the distance of lines from their points says that covariances are too small,
-        and the share of those that do not fit; when most do not, the estimate is lost.
+        """By how much the share of lines that do not fit says that covariances are too small; when
+        most do not, the estimate is lost.
         """
         limits, time = self._config, window.newest.time
-        misfit, scale = misfit_share(window, limits), line_scale(window, limits)
+        misfit = misfit_share(window, limits)
         if misfit is not None:
             self._misfit = misfit
             if misfit > limits.max_misfit and self._misfit_since is None:
@@ -82,9 +76,7 @@ class LineCheck:
         self.lost = compared and self._misfit > (
             limits.max_misfit if is_long else limits.lost_misfit
         )
-        excess = 1.0 if scale is None else scale**2
-        self.covariance_share = min(max(excess, limits.min_covariance_share), 1.0)
-        return excess if misfit is None else max(excess, (misfit / limits.usual_misfit) ** 2)
+        return 1.0 if misfit is None else (misfit / limits.usual_misfit) ** 2
 
 
 def imu_error(window: Window, config: IntegrityConfig) -> float | None:
@@ -107,23 +99,11 @@ def imu_error(window: Window, config: IntegrityConfig) -> float | None:
 def misfit_share(window: Window, config: IntegrityConfig) -> float | None:
     """Share of the last intervals' lines that did not fit; None if there are too few."""
     # At rest most intervals have none.
-    observed = [i for i in window.intervals if i.line_offsets or not i.still]
+    observed = [i for i in window.intervals if i.compared or not i.still]
     intervals = _last(observed, window, config)
-    compared = sum(len(interval.line_offsets) for interval in intervals)
+    compared = sum(interval.compared for interval in intervals)
     misfits = sum(interval.misfits for interval in intervals)
     return misfits / compared if compared >= config.min_observations else None
-
-
-def line_scale(window: Window, config: IntegrityConfig) -> float | None:
-    """Standard deviation of the last intervals' line offsets while the body moves, 1 as expected;
-    None if there are too few.
-    """
-    moving = [i for i in window.intervals if i.line_offsets and not i.still]
-    intervals = _last(moving, window, config)
-    offsets = [offset for interval in intervals for offset in interval.line_offsets]
-    if len(intervals) < config.min_moving_intervals or len(offsets) < config.min_offsets:
-        return None
-    return float(np.median(np.abs(offsets))) / _MEDIAN
 
 
 def _last(

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Integrity monitoring: inflates covariances for errors that the window's marginals do not show.
 
-- Images and IMU contradict each other, or lines miss their points: marginals depend on the assumed
-  noise, not on residuals.
+- Noise is larger than its figures say, or smaller: marginals depend on the figures alone.
 - The estimate is lost: the robust loss ignores most lines, and the remaining ones agree.
 - All lines are parallel: only the IMU observes the motion along them, but marginals of factors
   linearised at other points say otherwise.
 - The estimate moves while the body rests.
 """
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -26,6 +26,7 @@ from ruledgraph.integrity.contradictions import ImuCheck, LineCheck
 from ruledgraph.integrity.gauge import GaugeUncertainty
 from ruledgraph.integrity.parallel_lines import ParallelLines
 from ruledgraph.integrity.rest_slide import RestSlide
+from ruledgraph.integrity.variance_factor import VarianceFactor
 
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -55,6 +56,10 @@ class IntegrityMonitor:
         self._start_gauge = self._base_gauge = gauge_uncertainty
         self._imu = ImuCheck(warnings, config.integrity)
         self._lines = LineCheck(warnings, config.integrity)
+        self._variance = VarianceFactor(config.integrity, config.window.lag)
+        self._variance_factor = 1.0
+        # What lines that do not fit say of the same, fading.
+        self._misfit = 1.0
         self._parallel = ParallelLines(config.integrity)
         self._rest = RestSlide(warnings, config.rest.slide_warning)
         # Factor by which the window's covariances are inflated.
@@ -85,8 +90,15 @@ class IntegrityMonitor:
         """Take in the newest state, optimised, and whether the body has been at rest until then."""
         node = window.newest
         elapsed, self._time = node.time - self._time, node.time
-        excess = max(1.0, self._imu.excess(window), self._lines.excess(window, still))
-        self._inflate(node, excess, elapsed)
+        self._imu.update(window)
+        self._variance_factor = self._variance.update(window.innovation, elapsed)
+        misfit = self._lines.excess(window, still)
+        disagreed, self.disagree = self.disagree, self._imu.contradicts or self.misfits
+        if disagreed and not self.disagree:
+            self._keep_error(node)
+        fading = 1.0 if self.disagree else math.exp(-elapsed / self._limits.fade_time)
+        self._misfit = max(misfit, fading * self._misfit)
+        self._inflate(node, max(1.0, self._variance_factor, self._misfit))
         self._add_to_gauge(self._parallel.update(window, self._excess))
         self._add_to_gauge(self._rest.update(node.state.position(), node.time, still))
         more = self._drift.added - (self._excess - 1.0) * _of_position(node)
@@ -106,7 +118,7 @@ class IntegrityMonitor:
         """Marginals of a state, inflated by what contradicts them, plus the gauge uncertainty."""
         of_pose, of_velocity, of_bias = covariances
         # The bias depends little on how well lines fit.
-        times = self._lines.covariance_share + self._excess - 1.0
+        times = min(self._variance_factor, 1.0) + self._excess - 1.0
         scaled = times * of_pose, times * of_velocity, self._excess * of_bias
         return self._gauge.added_to(scaled, pose, velocity)
 
@@ -124,20 +136,20 @@ class IntegrityMonitor:
             and np.linalg.eigvalsh(of_pose[3:, 3:])[-1] < limits.tracking_position_sigma**2
         )
 
-    def _inflate(self, node: StateNode, excess: float, elapsed: float) -> None:
-        disagreed, self.disagree = self.disagree, self._imu.contradicts or self.misfits
+    def _keep_error(self, node: StateNode) -> None:
+        """Of position and heading, from while images and IMU or lines and estimate disagreed."""
         position = _of_position(node)
-        if disagreed and not self.disagree:
-            # The error of position and heading meanwhile stays.
-            up = node.state.attitude().matrix().T @ _UP
-            self._base_gauge = self._base_gauge.inflated(
-                _enclosing(self._drift.added, (self._excess - 1.0) * position),
-                (self._excess - 1.0) * float(up @ node.covariances[0][:3, :3] @ up),
-                node.state.position(),
-            )
-            self._excess, self._drift = 1.0, self._drift._replace(added=np.zeros((3, 3)))
-        fading = 1.0 if self.disagree else float(np.exp(-elapsed / self._limits.fade_time))
-        self._excess = max(excess, fading * self._excess)
+        up = node.state.attitude().matrix().T @ _UP
+        self._base_gauge = self._base_gauge.inflated(
+            _enclosing(self._drift.added, (self._excess - 1.0) * position),
+            (self._excess - 1.0) * float(up @ node.covariances[0][:3, :3] @ up),
+            node.state.position(),
+        )
+        self._misfit, self._drift = 1.0, self._drift._replace(added=np.zeros((3, 3)))
+
+    def _inflate(self, node: StateNode, excess: float) -> None:
+        position = _of_position(node)
+        self._excess = excess
         # The position keeps its error: the inflated part as of now, and that of further drift.
         before = self._drift
         largest = _enclosing(before.largest, position)

@@ -7,9 +7,15 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from ruledgraph.backend.innovation import Prediction, innovation
+from ideal_tracks import CALIBRATION, MANY, ideal_tracks, start_of
+from ruledgraph.backend.innovation import innovation
+from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import StateNode
 from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.config import Config
+from ruledgraph.imu.propagation import propagated_covariances
+from ruledgraph_factors import preintegrate_frames
+from simulated_window import hand_held
 from small_runs import run
 from small_simulation import new_small_simulation
 
@@ -43,7 +49,7 @@ def test_it_is_that_of_the_measurement(rows: int) -> None:
     rng = np.random.default_rng(rows)
     before, gain, after, S = kalman(rng, rows, 0.5)
     unexpected = np.linalg.cholesky(S) @ rng.normal(size=rows)
-    found = innovation(Prediction(STATE, BIAS, before), moved(gain @ unexpected, after))
+    found = innovation(moved(np.zeros(15), before), moved(gain @ unexpected, after))
     assert found.dof == rows
     assert found.nis == pytest.approx(unexpected @ np.linalg.solve(S, unexpected), rel=1e-5)
 
@@ -51,7 +57,7 @@ def test_it_is_that_of_the_measurement(rows: int) -> None:
 def test_it_is_chi_square() -> None:
     rng = np.random.default_rng(3)
     before, gain, after, S = kalman(rng, 5, 1.0)
-    root, predicted = np.linalg.cholesky(S), Prediction(STATE, BIAS, before)
+    root, predicted = np.linalg.cholesky(S), moved(np.zeros(15), before)
     steps = (gain @ root @ rng.normal(size=(5, 400))).T
     values = [innovation(predicted, moved(step, after)).nis for step in steps]
     # The mean of 400 has a standard deviation of 3 % of 5, the shares one of 1 %.
@@ -66,7 +72,7 @@ def test_directions_that_are_not_told_do_not_count() -> None:
     after[6:9, 6:9] *= 0.2
     step = np.zeros(15)
     step[3:6], step[6:9] = 0.5, 0.01
-    found = innovation(Prediction(STATE, BIAS, before), moved(step, after))
+    found = innovation(moved(np.zeros(15), before), moved(step, after))
     assert found.dof == 3
     # 3 (0.01 m/s)^2 over the variance that is gone.
     assert found.nis == pytest.approx(3 * 0.01**2 / 0.8e-4, rel=1e-6)
@@ -82,3 +88,49 @@ def test_states_of_a_recording_have_innovations_as_their_noise_figures_say() -> 
     ratio = sum(i.nis for i in found) / sum(i.dof for i in found)
     # The noise of rendered edges is smaller than assumed; beyond 2 the estimate would be too sure.
     assert 0.05 < ratio < 2.0
+
+
+def test_a_state_is_compared_with_what_the_imu_makes_of_one_a_window_before() -> None:
+    """Here with the IMU integrated anew, in the window by what is kept of its intervals."""
+    made = ideal_tracks(1, hand_held(np.random.default_rng(1)), duration=1.6, segments=MANY)
+    config = Config.model_validate({"window": {"lag": 0.85, "state_interval": 0.2}})
+    window = Window(CALIBRATION, config, start_of(made))
+    stamps, times = made.stamps[1:], made.times[1:].tolist()
+    known = {}
+    for first in range(0, 42, 6):
+        window.extend(
+            stamps[first : first + 6], times[first : first + 6], made.imu, made.tracks, False
+        )
+        window.optimize()
+        newest = window.newest
+        known[newest.time] = StateNode(
+            newest.index, newest.time, newest.state, newest.bias, newest.covariance.copy()
+        )
+    # The oldest that is no longer before than the lag.
+    since = min(time for time in known if newest.time - time <= 0.85)
+    assert newest.time - since > 0.6
+    predicted = known[since]
+    for time in sorted(time for time in known if time > since):
+        samples = made.imu.between(predicted.time, time)
+        motion = preintegrate_frames(samples, predicted.time, [time], predicted.bias)
+        covariance = propagated_covariances(predicted, motion, made.imu, CALIBRATION.imu_noise)[0]
+        state, gravity = predicted.state, made.imu.gravity
+        carried = gtsam.NavState(
+            motion.poses(state, predicted.bias, gravity)[0],
+            motion.velocities(state, predicted.bias, gravity)[0],
+        )
+        predicted = StateNode(0, time, carried, predicted.bias, covariance)
+    expected = innovation(predicted, newest)
+    assert window.innovation is not None
+    assert window.innovation.dof == expected.dof
+    assert window.innovation.nis == pytest.approx(expected.nis, rel=0.02)
+
+
+def test_at_rest_and_at_the_first_state_there_is_none() -> None:
+    made = ideal_tracks(1, hand_held(np.random.default_rng(1)), duration=1.0, segments=MANY)
+    window = Window(CALIBRATION, Config(), start_of(made))
+    for first, still in ((0, False), (4, False), (8, True), (12, False), (16, False)):
+        part = slice(1 + first, 5 + first)
+        window.extend(made.stamps[part], made.times[part].tolist(), made.imu, made.tracks, still)
+        window.optimize()
+        assert (window.innovation is None) == (still or first == 0)
