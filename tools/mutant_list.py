@@ -159,7 +159,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
                 "pose_covariance(attitude, 0.1 * a / gravity)",
             ),
             ("samples.gyroscope.mean(axis=0)", "np.zeros(3)"),
-            ("config.start.gravity_share * gravity", "_G"),
+            ("config.start.gravity_share * gravity", "gravity"),
         ),
     ),
     (
