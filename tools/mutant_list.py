@@ -202,7 +202,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("by_centre * (0.5 * t * t)", "by_centre * (t * t)"),
             ("+ rotations @ body_p_cam", "- rotations @ body_p_cam"),
             ("bias = bias - step", "bias = bias + step"),
-            ("rough = -_G *", "rough = _G *"),
+            ("rough = -gravity_magnitude *", "rough = gravity_magnitude *"),
         ),
     ),
     (
@@ -291,7 +291,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
                 "first + gain * a, second + gain * (a + b)",
                 "first - gain * a, second - gain * (a + b)",
             ),
-            ("self._edges.effective_points / edges.counts", "1.0"),
+            ("statistics, self._edges.effective_points)", "statistics, 1e9)"),
             ("sightings[0].stamp < before", "sightings[0].stamp > before"),
             ("moved.append(abs(float(", "moved.append(-abs(float("),
         ),
