@@ -74,8 +74,13 @@ class Predictions:
             prediction.carry_on(interval, time, imu, noise)
 
     def innovation(self, found: StateNode) -> Innovation | None:
-        """Of the newest state against its oldest prediction; None where there is none."""
-        return innovation(self._predictions[0], found) if self._predictions else None
+        """Of the newest state against its oldest prediction; None where there is none, or where a
+        covariance is none, as when the smoother has failed.
+        """
+        try:
+            return innovation(self._predictions[0], found) if self._predictions else None
+        except np.linalg.LinAlgError:
+            return None
 
 
 def innovation(predicted: Known, found: Known) -> Innovation:
@@ -89,6 +94,9 @@ def innovation(predicted: Known, found: Known) -> Innovation:
     with u_i and gain_i from the eigenvectors of P- - P in coordinates in which P- is the identity.
     It is chi-square, with one degree of freedom for each direction in which the variance fell by a
     tenth or more; the others, such as place and heading, the images say nothing of.
+
+    Raises:
+        numpy.linalg.LinAlgError: when P- is not positive definite.
 
     Source: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation
     (2001), 5.4; P- - P is the sum of K S K^T over the updates between them, with the gain K and

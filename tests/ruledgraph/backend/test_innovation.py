@@ -126,6 +126,17 @@ def test_a_state_is_compared_with_what_the_imu_makes_of_one_a_window_before() ->
     assert window.innovation.nis == pytest.approx(expected.nis, rel=0.02)
 
 
+def test_without_a_covariance_there_is_none() -> None:
+    made = ideal_tracks(1, hand_held(np.random.default_rng(1)), duration=1.0, segments=MANY)
+    window = Window(CALIBRATION, Config(), start_of(made))
+    for first in (0, 4, 8):
+        window.newest.covariance = -np.eye(15)
+        part = slice(1 + first, 5 + first)
+        window.extend(made.stamps[part], made.times[part].tolist(), made.imu, made.tracks, False)
+        window.optimize()
+        assert window.innovation is None
+
+
 def test_at_rest_and_at_the_first_state_there_is_none() -> None:
     made = ideal_tracks(1, hand_held(np.random.default_rng(1)), duration=1.0, segments=MANY)
     window = Window(CALIBRATION, Config(), start_of(made))
