@@ -11,9 +11,10 @@ from ruledgraph.core.estimates import Innovation
 class VarianceFactor:
     """The factor s^2 of all variances, of IMU and edges alike: the variance of unit weight.
 
-    The estimate is the same whatever s^2 is, its covariance is proportional to it. With the noise
-    figures counting as `prior` degrees of freedom of s^2 = 1, and innovations of nis_k over dof_k
-    degrees of freedom, its mean is about
+    The estimate is the same whatever s^2 is, its covariance is proportional to it (but for the
+    robust loss, whose scale is in pixels, and what is left of the priors of a start). With the
+    noise figures counting as `prior` degrees of freedom of s^2 = 1, and innovations of nis_k over
+    dof_k degrees of freedom, its mean is about
 
         s^2 = (prior + sum w_k nis_k) / (prior + sum w_k dof_k).
 
