@@ -88,7 +88,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "integrity/test_monitor",
         (
             ("max(misfit, fading * self._misfit)", "misfit"),
-            ("min(self._variance_factor, 1.0) + self._excess", "self._excess"),
+            ("max(1.0, factor, self._misfit)", "max(factor, self._misfit)"),
         ),
     ),
     (

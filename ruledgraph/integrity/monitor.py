@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Integrity monitoring: inflates covariances for errors that the window's marginals do not show.
 
-- Noise is larger than its figures say, or smaller: marginals depend on the figures alone.
+- Noise is larger than its figures say: marginals depend on the figures alone. Where it seems to be
+  smaller they stay: it may be chance, or a motion that says little.
 - The estimate is lost: the robust loss ignores most lines, and the remaining ones agree.
 - All lines are parallel: only the IMU observes the motion along them, but marginals of factors
   linearised at other points say otherwise.
@@ -57,7 +58,6 @@ class IntegrityMonitor:
         self._imu = ImuCheck(warnings, config.integrity)
         self._lines = LineCheck(warnings, config.integrity)
         self._variance = VarianceFactor(config.integrity, config.window.lag)
-        self._variance_factor = 1.0
         # What lines that do not fit say of the same, fading.
         self._misfit = 1.0
         self._parallel = ParallelLines(config.integrity)
@@ -91,14 +91,14 @@ class IntegrityMonitor:
         node = window.newest
         elapsed, self._time = node.time - self._time, node.time
         self._imu.update(window)
-        self._variance_factor = self._variance.update(window.innovation, elapsed)
+        factor = self._variance.update(window.innovation, elapsed)
         misfit = self._lines.excess(window, still)
         disagreed, self.disagree = self.disagree, self._imu.contradicts or self.misfits
         if disagreed and not self.disagree:
             self._keep_error(node)
         fading = 1.0 if self.disagree else math.exp(-elapsed / self._limits.fade_time)
         self._misfit = max(misfit, fading * self._misfit)
-        self._inflate(node, max(1.0, self._variance_factor, self._misfit))
+        self._inflate(node, max(1.0, factor, self._misfit))
         self._add_to_gauge(self._parallel.update(window, self._excess))
         self._add_to_gauge(self._rest.update(node.state.position(), node.time, still))
         more = self._drift.added - (self._excess - 1.0) * _of_position(node)
@@ -116,11 +116,8 @@ class IntegrityMonitor:
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
     ) -> Covariances:
         """Marginals of a state, inflated by what contradicts them, plus the gauge uncertainty."""
-        of_pose, of_velocity, of_bias = covariances
-        # The bias depends little on how well lines fit.
-        times = min(self._variance_factor, 1.0) + self._excess - 1.0
-        scaled = times * of_pose, times * of_velocity, self._excess * of_bias
-        return self._gauge.added_to(scaled, pose, velocity)
+        of_pose, of_velocity, of_bias = (self._excess * block for block in covariances)
+        return self._gauge.added_to((of_pose, of_velocity, of_bias), pose, velocity)
 
     def are_small(self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray) -> bool:
         """Whether position and velocity are known well enough for the status `tracking`.
