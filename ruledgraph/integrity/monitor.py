@@ -32,13 +32,14 @@ from ruledgraph.integrity.variance_factor import VarianceFactor
 _UP = np.array([0.0, 0.0, 1.0])
 
 
-class _Drift(NamedTuple):
-    """Covariances of the position in the world, (3, 3), m^2."""
+class _Inflation(NamedTuple):
+    """Of the window's covariances, and what it leaves of the position in the world."""
 
+    factor: float
     largest: FloatArray
-    """Bound of the marginal so far."""
+    """Bound of the position's marginal so far, (3, 3), m^2."""
     added: FloatArray
-    """What inflation has added to it."""
+    """What inflation has added to it, (3, 3), m^2."""
 
 
 class IntegrityMonitor:
@@ -62,14 +63,15 @@ class IntegrityMonitor:
         self._misfit = 1.0
         self._parallel = ParallelLines(config.integrity)
         self._rest = RestSlide(warnings, config.rest.slide_warning)
-        # Factor by which the window's covariances are inflated.
-        self._excess = 1.0
-        self._drift = _Drift(np.zeros((3, 3)), np.zeros((3, 3)))
+        self._inflation = _Inflation(1.0, np.zeros((3, 3)), np.zeros((3, 3)))
         self._time = 0.0
         # The gauge uncertainty with all that applies at the newest state.
         self._gauge = gauge_uncertainty
-        self.disagree = False
+
+    @property
+    def disagree(self) -> bool:
         """Whether images and IMU do, or lines and estimate."""
+        return self._imu.contradicts or self.misfits
 
     @property
     def misfits(self) -> bool:
@@ -90,18 +92,18 @@ class IntegrityMonitor:
         """Take in the newest state, optimised, and whether the body has been at rest until then."""
         node = window.newest
         elapsed, self._time = node.time - self._time, node.time
+        disagreed = self.disagree
         self._imu.update(window)
         factor = self._variance.update(window.innovation, elapsed)
         misfit = self._lines.excess(window, still)
-        disagreed, self.disagree = self.disagree, self._imu.contradicts or self.misfits
         if disagreed and not self.disagree:
             self._keep_error(node)
         fading = 1.0 if self.disagree else math.exp(-elapsed / self._limits.fade_time)
         self._misfit = max(misfit, fading * self._misfit)
         self._inflate(node, max(1.0, factor, self._misfit))
-        self._add_to_gauge(self._parallel.update(window, self._excess))
+        self._add_to_gauge(self._parallel.update(window, self._inflation.factor))
         self._add_to_gauge(self._rest.update(node.state.position(), node.time, still))
-        more = self._drift.added - (self._excess - 1.0) * _of_position(node)
+        more = self._inflation.added - (self._inflation.factor - 1.0) * _of_position(node)
         position = self._base_gauge.position + self._parallel.covariance() + self._rest.covariance()
         self._gauge = replace(self._base_gauge, position=position + more)
 
@@ -116,7 +118,7 @@ class IntegrityMonitor:
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
     ) -> Covariances:
         """Marginals of a state, inflated by what contradicts them, plus the gauge uncertainty."""
-        of_pose, of_velocity, of_bias = (self._excess * block for block in covariances)
+        of_pose, of_velocity, of_bias = (self._inflation.factor * block for block in covariances)
         return self._gauge.added_to((of_pose, of_velocity, of_bias), pose, velocity)
 
     def are_small(self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray) -> bool:
@@ -135,24 +137,23 @@ class IntegrityMonitor:
 
     def _keep_error(self, node: StateNode) -> None:
         """Of position and heading, from while images and IMU or lines and estimate disagreed."""
-        position = _of_position(node)
+        position, excess = _of_position(node), self._inflation.factor - 1.0
         up = node.state.attitude().matrix().T @ _UP
         self._base_gauge = self._base_gauge.inflated(
-            _enclosing(self._drift.added, (self._excess - 1.0) * position),
-            (self._excess - 1.0) * float(up @ node.covariances[0][:3, :3] @ up),
+            _enclosing(self._inflation.added, excess * position),
+            excess * float(up @ node.covariances[0][:3, :3] @ up),
             node.state.position(),
         )
-        self._misfit, self._drift = 1.0, self._drift._replace(added=np.zeros((3, 3)))
+        self._misfit = 1.0
+        self._inflation = self._inflation._replace(added=np.zeros((3, 3)))
 
-    def _inflate(self, node: StateNode, excess: float) -> None:
-        position = _of_position(node)
-        self._excess = excess
-        # The position keeps its error: the inflated part as of now, and that of further drift.
-        before = self._drift
+    def _inflate(self, node: StateNode, factor: float) -> None:
+        """The position keeps its error: the inflated part as of now, and that of further drift."""
+        position, before = _of_position(node), self._inflation
         largest = _enclosing(before.largest, position)
-        came = (self._excess - 1.0) * (largest - before.largest)
-        added = _enclosing(before.added + came, (self._excess - 1.0) * position)
-        self._drift = _Drift(largest, added)
+        came = (factor - 1.0) * (largest - before.largest)
+        added = _enclosing(before.added + came, (factor - 1.0) * position)
+        self._inflation = _Inflation(factor, largest, added)
 
 
 def _of_position(node: StateNode) -> FloatArray:
