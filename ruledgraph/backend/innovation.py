@@ -2,29 +2,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How far the images moved a state from where the IMU had predicted it, a window before."""
 
-from typing import Protocol
-
 import gtsam
 import numpy as np
 
 from ruledgraph.backend.states import Interval, StateNode
 from ruledgraph.calibration.sensors import ImuNoise
-from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.estimates import Innovation
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.imu.propagation import propagated_covariances
+from ruledgraph.imu.propagation import StateWithCovariance, propagated_covariances
+from ruledgraph_factors import FrameMotion
 
 # Directions count in which the variance fell by this share: less is lost in linearisation.
 _LEAST_GAIN = 0.1
-
-
-class Known(Protocol):
-    """A state as it was known at some time."""
-
-    state: gtsam.NavState
-    bias: gtsam.imuBias.ConstantBias
-    covariance: FloatArray
-    """Of pose, velocity and bias, (15, 15)."""
 
 
 class Prediction:
@@ -37,9 +26,8 @@ class Prediction:
         self.bias = node.bias
         self.covariance = node.covariance
 
-    def carry_on(self, interval: Interval, time: float, imu: ImuBuffer, noise: ImuNoise) -> None:
-        """To the end of the next interval, at a time, s."""
-        motion = interval.motion.select([-1])
+    def carry_on(self, motion: FrameMotion, time: float, imu: ImuBuffer, noise: ImuNoise) -> None:
+        """By a motion to one frame, at a time, s."""
         covariance = propagated_covariances(self, motion, imu, noise)[0]
         pose = motion.poses(self.state, self.bias, imu.gravity)[0]
         velocity = motion.velocities(self.state, self.bias, imu.gravity)[0]
@@ -70,8 +58,9 @@ class Predictions:
         """Go on to a new state, at a time (s), at the end of the interval after `before`."""
         recent = [p for p in self._predictions if time - p.since <= self._longest]
         self._predictions = [*recent, Prediction(before)]
+        motion = interval.motion.select([-1])
         for prediction in self._predictions:
-            prediction.carry_on(interval, time, imu, noise)
+            prediction.carry_on(motion, time, imu, noise)
 
     def innovation(self, found: StateNode) -> Innovation | None:
         """Of the newest state against its oldest prediction; None where there is none, or where a
@@ -83,7 +72,7 @@ class Predictions:
             return None
 
 
-def innovation(predicted: Known, found: Known) -> Innovation:
+def innovation(predicted: StateWithCovariance, found: StateWithCovariance) -> Innovation:
     """The normalised innovation squared that a state has taken up.
 
     With the prediction x- of covariance P- and the estimate x of covariance P, updates with the

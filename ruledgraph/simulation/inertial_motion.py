@@ -12,12 +12,12 @@ import numpy as np
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, V, X
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
+from scipy.spatial.transform import Rotation
 
 from ruledgraph.calibration.sensors import ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.trajectory import Trajectory
-from ruledgraph.simulation.measured import CurveMotion
+from ruledgraph.simulation.motion import SplineMotion
 from ruledgraph_factors import ImuSamples
 
 # How well laser trackers and motion capture know poses, m and rad. Their errors stay for a while:
@@ -29,11 +29,11 @@ _HUBER = 1.345
 _BIAS_TIME, _BIAS_SIGMAS = 1.0, np.repeat([1.0, 0.2], 3)
 
 
-class InertialMotion(CurveMotion):
+class InertialMotion(SplineMotion):
     """world_T_body(t) that explains an IMU's samples and is close to measured poses.
 
     Maximum a posteriori of pose and velocity at every sample and of the bias every second, given
-    the samples with their noise and the poses with theirs; between them a quintic spline.
+    the samples with their noise and the poses with theirs; between them splines.
 
     Args:
         measured: poses.
@@ -54,10 +54,13 @@ class InertialMotion(CurveMotion):
         values = gtsam.LevenbergMarquardtOptimizer(graph, _initial(measured, stamps)).optimize()
         poses = [values.atPose3(X(k)) for k in range(stamps.size)]
         found = Trajectory.from_poses(stamps, poses)
-        rows = np.hstack([found.positions, found.quaternions])
-        super().__init__(int(stamps[0]), make_interp_spline(samples.times, rows, k=5))
+        turns = Rotation.from_quat(found.quaternions).as_rotvec()
+        super().__init__(samples.times, found.positions, turns)
+        self.epoch = int(stamps[0])
+        """Stamp of time zero, ns."""
+        count = _bias_index(samples.times)[-1] + 1
         self.bias: FloatArray = np.array(
-            [values.atConstantBias(B(n)).vector() for n in np.unique(_bias_index(samples.times))]
+            [values.atConstantBias(B(n)).vector() for n in range(count)]
         )
         """Of the IMU: accelerometer and gyroscope, (M, 6), each for a second."""
         self.bias_stamps = stamps[0] + np.round(
@@ -112,6 +115,6 @@ def _initial(measured: Trajectory, stamps: NDArray[np.int64]) -> gtsam.Values:
     for k, (pose, velocity) in enumerate(zip(at.poses(), velocities, strict=True)):
         values.insert(X(k), pose)
         values.insert(V(k), velocity)
-    for n in np.unique(_bias_index(times)).tolist():
+    for n in range(_bias_index(times)[-1] + 1):
         values.insert(B(n), gtsam.imuBias.ConstantBias())
     return values

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import BSpline, make_lsq_spline
+from scipy.interpolate import make_lsq_spline
 from scipy.spatial.transform import Rotation
 
 from ruledgraph.core.arrays import FloatArray
@@ -23,49 +23,13 @@ _LONGEST_GAP = 4
 _DEGREE = 5
 
 
-class CurveMotion(Motion):
-    """world_T_body(t) along one curve through positions and quaternions.
-
-    The orientation is the normalised quaternion, so that velocity, acceleration and angular
-    velocity are exact derivatives.
-
-    Args:
-        epoch: stamp of time zero, ns.
-        curve: of position (m) and quaternion x, y, z, w over time, s; from time zero on.
-    """
-
-    def __init__(self, epoch: int, curve: BSpline) -> None:
-        self.epoch = epoch
-        """Stamp of time zero, ns."""
-        self.start, self.stop = 0.0, float(curve.t[-1])
-        self._curve, self._rate, self._second = curve, curve.derivative(1), curve.derivative(2)
-
-    def position(self, times: ArrayLike) -> FloatArray:  # noqa: D102
-        return np.asarray(self._curve(times)[..., :3])
-
-    def velocity(self, times: ArrayLike) -> FloatArray:  # noqa: D102
-        return np.asarray(self._rate(times)[..., :3])
-
-    def acceleration(self, times: ArrayLike) -> FloatArray:  # noqa: D102
-        return np.asarray(self._second(times)[..., :3])
-
-    def rotation(self, times: ArrayLike) -> FloatArray:  # noqa: D102
-        return np.asarray(Rotation.from_quat(self._curve(times)[..., 3:]).as_matrix())
-
-    def angular_velocity(self, times: ArrayLike) -> FloatArray:  # noqa: D102
-        # 2 Im(conj(q) dq/dt) / |q|^2, with q = (v, w); the length of q cancels.
-        q, rate = self._curve(times)[..., 3:], self._rate(times)[..., 3:]
-        v, w = q[..., :3], q[..., 3:]
-        spin = w * rate[..., :3] - v * rate[..., 3:] - np.cross(v, rate[..., :3])
-        return np.asarray(2.0 * spin / np.sum(q * q, axis=-1, keepdims=True))
-
-
-class MeasuredMotion(CurveMotion):
+class MeasuredMotion(Motion):
     """world_T_body(t) along a measured trajectory, time zero at its first pose.
 
     One quintic spline with even knots is fitted to positions and unit quaternions by least
-    squares. Knots at least 0.1 s apart, and twice as far as the poses, take the noise and the jumps
-    of a tracker out of the accelerations.
+    squares; the orientation is the normalised quaternion, so that velocity, acceleration and
+    angular velocity are exact derivatives. Knots at least 0.1 s apart, and twice as far as the
+    poses, take the noise and the jumps of a tracker out of the accelerations.
 
     Raises:
         RuledgraphError: for a trajectory that is too short or has a gap.
@@ -74,14 +38,15 @@ class MeasuredMotion(CurveMotion):
     def __init__(self, trajectory: Trajectory) -> None:
         self.trajectory = trajectory
         """As it was measured."""
-        epoch = int(trajectory.stamps[0])
-        times = (trajectory.stamps - epoch) * 1e-9
-        stop = float(times[-1])
+        self.epoch = int(trajectory.stamps[0])
+        """Stamp of time zero, ns."""
+        times = (trajectory.stamps - self.epoch) * 1e-9
+        self.start, self.stop = 0.0, float(times[-1])
         spacing = max(_KNOTS, 2.0 * float(np.median(np.diff(times)))) if len(times) > 1 else _KNOTS
-        intervals = int(stop / spacing)
+        intervals = int(self.stop / spacing)
         if intervals < 2 * _DEGREE:
             raise RuledgraphError(
-                f"a trajectory of {stop:.2f} s is too short to simulate a motion from"
+                f"a trajectory of {self.stop:.2f} s is too short to simulate a motion from"
             )
         longest = int(np.argmax(np.diff(times)))
         if times[longest + 1] - times[longest] > _LONGEST_GAP * spacing:
@@ -89,14 +54,14 @@ class MeasuredMotion(CurveMotion):
                 f"the trajectory has a gap of {times[longest + 1] - times[longest]:.2f} s after "
                 f"{times[longest]:.2f} s; simulate a stretch without one"
             )
-        inner = np.linspace(0.0, stop, intervals + 1)
-        knots = np.concatenate([np.zeros(_DEGREE), inner, np.full(_DEGREE, stop)])
+        inner = np.linspace(0.0, self.stop, intervals + 1)
+        knots = np.concatenate([np.zeros(_DEGREE), inner, np.full(_DEGREE, self.stop)])
         measured = np.hstack([trajectory.positions, trajectory.quaternions])
         try:
             fit = make_lsq_spline(times, measured, knots, k=_DEGREE)
         except (ValueError, np.linalg.LinAlgError) as error:
             raise RuledgraphError(f"no smooth motion fits the trajectory: {error}") from None
-        super().__init__(epoch, fit)
+        self._curves = fit, fit.derivative(1), fit.derivative(2)
 
     @classmethod
     def read(
@@ -119,3 +84,22 @@ class MeasuredMotion(CurveMotion):
         if not part.any():
             raise RuledgraphError(f"{path}: no pose between {start} s and {stop} s")
         return cls(Trajectory(whole.stamps[part], whole.positions[part], whole.quaternions[part]))
+
+    def position(self, times: ArrayLike) -> FloatArray:  # noqa: D102
+        return np.asarray(self._curves[0](times)[..., :3])
+
+    def velocity(self, times: ArrayLike) -> FloatArray:  # noqa: D102
+        return np.asarray(self._curves[1](times)[..., :3])
+
+    def acceleration(self, times: ArrayLike) -> FloatArray:  # noqa: D102
+        return np.asarray(self._curves[2](times)[..., :3])
+
+    def rotation(self, times: ArrayLike) -> FloatArray:  # noqa: D102
+        return np.asarray(Rotation.from_quat(self._curves[0](times)[..., 3:]).as_matrix())
+
+    def angular_velocity(self, times: ArrayLike) -> FloatArray:  # noqa: D102
+        # 2 Im(conj(q) dq/dt) / |q|^2, with q = (v, w); the length of q cancels.
+        q, rate = self._curves[0](times)[..., 3:], self._curves[1](times)[..., 3:]
+        v, w = q[..., :3], q[..., 3:]
+        spin = w * rate[..., :3] - v * rate[..., 3:] - np.cross(v, rate[..., :3])
+        return np.asarray(2.0 * spin / np.sum(q * q, axis=-1, keepdims=True))

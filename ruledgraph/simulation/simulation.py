@@ -18,7 +18,7 @@ from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.simulation.exposure import ImageQuality, Sensor
 from ruledgraph.simulation.imu import ImuSource, RecordedImu, SyntheticImu
 from ruledgraph.simulation.inertial_motion import InertialMotion
-from ruledgraph.simulation.measured import CurveMotion, MeasuredMotion
+from ruledgraph.simulation.measured import MeasuredMotion
 from ruledgraph.simulation.motion import Motion
 from ruledgraph.simulation.motions import make_motion
 from ruledgraph.simulation.renderer import Image, Renderer
@@ -261,7 +261,7 @@ def simulate(
         motion, source = _as_felt(motion, imu, calibration.imu_noise)
     if isinstance(scene, str):
         scene = make_scene(scene, seed, surrounds)
-    epoch = motion.epoch if isinstance(motion, CurveMotion) else _EPOCH
+    epoch = motion.epoch if isinstance(motion, MeasuredMotion | InertialMotion) else _EPOCH
     if not isinstance(imu, RecordedImu):
         source = SyntheticImu(motion, imu_rate, imu, seed, epoch)
     if isinstance(imu, ImuNoise):
