@@ -182,8 +182,23 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("outliers > start.outlier_share", "outliers > 2.0 * start.outlier_share"),
             ("outliers > start.outlier_share", "outliers > 0.5 * start.outlier_share"),
             ("return differs and 2.0", "return False and 2.0"),
-            ("key=lambda batch: batch.error)[:_BEST]", "key=lambda batch: -batch.error)[:_BEST]"),
+            ("key=lambda batch: batch.error)", "key=lambda batch: -batch.error)"),
+            ("for other in best[1:]", "for other in best[1:2]"),
         ),
+    ),
+    (
+        "initialization/robust_line_factor.py",
+        "initialization/test_robust_line_factor",
+        (
+            ("np.log1p(ratio) - weight * ratio", "np.log1p(ratio)"),
+            ("weight = 1.0 / (1.0 + ratio)", "weight = 1.0 / (1.0 + 2.0 * ratio)"),
+            ("by_row = self._precision * roots", "by_row = roots"),
+        ),
+    ),
+    (
+        "initialization/batch_covariance.py",
+        "initialization/test_batch_covariance",
+        (("- H[:count, own_columns] @ by_line", "+ H[:count, own_columns] @ by_line"),),
     ),
     (
         "core/config.py",

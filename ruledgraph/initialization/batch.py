@@ -36,7 +36,7 @@ class Effort(NamedTuple):
     """Frames of a line that share one loss: a track that jumps does so for good."""
 
 
-ROUGH, FINE = Effort(8, 6), Effort(15, 2)
+ROUGH, FINE = Effort(15, 6), Effort(30, 2)
 
 
 class Batch:

@@ -51,11 +51,14 @@ def state_covariance(
     information = information[:count, :count]
     systems = []
     for line, own in of_lines.items():
-        first = gtsam.Ordering()
-        first.push_back(line)
-        H, g = own.eliminatePartialSequential(first)[1].hessian(ordering)
-        systems.append((H[:count, :count], g[:count]))
-        information = information + systems[-1][0]
+        line_last = gtsam.Ordering(ordering)
+        line_last.push_back(line)
+        H, g = own.hessian(line_last)
+        own_columns = slice(count + fixed, None)
+        by_line = np.linalg.solve(H[own_columns, own_columns], H[own_columns, :count])
+        left = H[:count, :count] - H[:count, own_columns] @ by_line
+        systems.append((left, g[:count] - g[own_columns] @ by_line))
+        information = information + left
     root = np.linalg.cholesky(np.linalg.inv(information))
     between = np.zeros_like(information)
     for H, g in systems:

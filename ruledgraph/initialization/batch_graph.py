@@ -16,11 +16,13 @@ from ruledgraph.backend.line_factors import compressed_points
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.initialization.first_window import FirstWindow
 from ruledgraph.initialization.prior import bias_sigmas, pose_covariance, unknown_offset
+from ruledgraph.initialization.robust_line_factor import RobustLineFactor
 from ruledgraph_factors import (
     NEW_LINE_SIGMAS,
     FrameMotion,
     GeometricPoints,
     LineChart,
+    RuledSurfaceFactor,
     ruled_surface_factor,
     ruled_surface_factor_with_time_offset,
 )
@@ -55,7 +57,7 @@ class BatchGraph:
         self._time_offset_key = None if offset is None else time_offset_key(window)
         self.motion = window.motion(bias, with_time=offset is not None)
         self.factors = gtsam.NonlinearFactorGraph()
-        self._of_lines: list[tuple[int, gtsam.NoiseModelFactor]] = []
+        self._of_lines: list[RobustLineFactor] = []
         self._add_state_priors(upright)
         if offset is not None:
             known = noiseModel.Isotropic.Sigma(1, offset.sigma)
@@ -76,22 +78,17 @@ class BatchGraph:
         wide = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
         for i, (_, frames, sightings) in enumerate(self._window.seen):
             self.factors.addPriorVector(LINES + i, np.zeros(4), wide)
-            for first in range(0, len(frames), chunk):
-                part = slice(first, first + chunk)
-                points = compressed_points(sightings[part])
-                size = cauchy_px / sigma_px * np.sqrt(points.weight)
-                noise = noiseModel.Robust.Create(
-                    noiseModel.mEstimator.Cauchy.Create(size),
-                    noiseModel.Isotropic.Sigma(points.rows, sigma),
-                )
-                factor = self._line_factor(i, noise, self.motion.select(frames[part]), points)
-                self.factors.add(factor)
-                self._of_lines.append((i, factor))
+            points = compressed_points(sightings)
+            parts = range(0, len(frames), chunk)
+            weights = [compressed_points(sightings[a : a + chunk]).weight for a in parts]
+            surface = self._surface(i, self.motion.select(frames), points)
+            scales = cauchy_px / sigma_px * np.sqrt(weights)
+            factor = RobustLineFactor(surface, sigma, chunk, scales)
+            self.factors.add(factor)
+            self._of_lines.append(factor)
 
-    def _line_factor(
-        self, i: int, noise: noiseModel.Base, motion: FrameMotion, points: GeometricPoints
-    ) -> gtsam.NoiseModelFactor:
-        window = self._window
+    def _surface(self, i: int, motion: FrameMotion, points: GeometricPoints) -> RuledSurfaceFactor:
+        window, noise = self._window, noiseModel.Unit.Create(points.rows)
         gravity = window.config.imu.gravity_in_world
         rest = motion, self._charts[i], points, window.calibration.body_T_cam, gravity
         if self._time_offset_key is None:
@@ -101,10 +98,7 @@ class BatchGraph:
 
     def line_errors(self, values: gtsam.Values) -> FloatArray:
         """Of each line, without its prior, (N,)."""
-        errors = np.zeros(len(self._charts))
-        for i, factor in self._of_lines:
-            errors[i] += factor.error(values)
-        return errors
+        return np.array([factor.error(values) for factor in self._of_lines])
 
     def misfits(self, values: gtsam.Values, sigma: float) -> list[FloatArray]:
         """How far each line's points are from its rulings, for each frame that saw it: the sum of
@@ -112,11 +106,11 @@ class BatchGraph:
 
         It has two degrees of freedom where `sigma` (normalised units) is a point's deviation.
         """
-        found: list[list[FloatArray]] = [[] for _ in self._charts]
-        for i, factor in self._of_lines:
-            residual = factor.unwhitenedError(values).reshape(-1, 3)
-            found[i].append(np.sum(residual * residual, axis=1) / sigma**2)
-        return [np.concatenate(own) for own in found]
+        found = []
+        for factor in self._of_lines:
+            residual = factor.surface.residual(values).reshape(-1, 3)
+            found.append(np.sum(residual * residual, axis=1) / sigma**2)
+        return found
 
 
 def time_offset_key(window: FirstWindow) -> int:

@@ -5,7 +5,6 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import TypeVar
 
 import gtsam
 import numpy as np
@@ -33,14 +32,13 @@ from ruledgraph.initialization.prior import (
 from ruledgraph_factors import FactorError
 from ruledgraph_factors.closed_form import closed_form, gyroscope_bias
 
-_T = TypeVar("_T")
 # The most frames used; a line counts that was seen in so many of them, and in no fewer.
 _MOST_FRAMES, _SEEN_SHARE, _FEWEST_SIGHTINGS = 20, 0.3, 4
 # Distances that hypotheses begin at beside the closed form, m.
 _DISTANCES = (0.7, 2.0, 6.0)
-# Robust constants round by round (px): of all hypotheses, of the best ones, of which there are so
-# many, after their lines were triangulated anew.
-_WIDE, _NARROW, _LAST, _BEST = (6.0, 2.0), (2.0, 2.0), 1.0, 2
+# Robust constants round by round (px): at first, after lines were triangulated anew, and on the way
+# from there to the smoother's own.
+_WIDE, _NARROW, _BETWEEN = (6.0, 2.0), (2.0, 2.0), 1.0
 # Lines that fit, or there is nothing that the window could hold on to: motion along one line is
 # not seen.
 _FEWEST_LINES = 2
@@ -86,12 +84,12 @@ def start_in_motion(
 
 
 def solved(window: FirstWindow) -> list[Batch]:
-    """The best hypotheses, best first."""
-    rounds = partial(_rounds, window)
-    rough = filter(None, (_tried(rounds, begin) for begin in _hypotheses(window)))
-    best = sorted(rough, key=lambda batch: batch.error)[:_BEST]
-    polished = filter(None, (_tried(_polished, batch) for batch in best))
-    return sorted(polished, key=lambda batch: batch.error)
+    """What the hypotheses lead to, best first.
+
+    All are followed to the end: which one is best shows when the loss is narrow.
+    """
+    batches = filter(None, (_followed(window, begin) for begin in _hypotheses(window)))
+    return sorted(batches, key=lambda batch: batch.error)
 
 
 def _hypotheses(window: FirstWindow) -> Iterator[Callable[[], InitialValues]]:
@@ -109,27 +107,22 @@ def _hypotheses(window: FirstWindow) -> Iterator[Callable[[], InitialValues]]:
         yield partial(at_distance, window, bias, distance)
 
 
-def _rounds(window: FirstWindow, begin: Callable[[], InitialValues]) -> Batch:
+def _followed(window: FirstWindow, begin: Callable[[], InitialValues]) -> Batch | None:
+    """None where it ends in an indeterminate system or with a line through its camera."""
     first, *others = _WIDE
-    batch = Batch(window, begin(), first, ROUGH)
-    for cauchy in others:
-        batch.solve(cauchy, ROUGH)
-    return batch
-
-
-def _polished(batch: Batch) -> Batch:
-    for cauchy in _NARROW:
-        batch.triangulate_anew()
-        batch.solve(cauchy)
-    batch.solve(_LAST)
-    return batch
-
-
-def _tried(solve: Callable[[_T], Batch], given: _T) -> Batch | None:
+    last = window.config.lines.cauchy_scale_px
     try:
-        return solve(given)
+        batch = Batch(window, begin(), first, ROUGH)
+        for cauchy in others:
+            batch.solve(cauchy, ROUGH)
+        for cauchy in _NARROW:
+            batch.triangulate_anew()
+            batch.solve(cauchy)
+        for cauchy in (_BETWEEN, last or _BETWEEN):
+            batch.solve(cauchy)
     except (RuntimeError, FactorError, np.linalg.LinAlgError):
         return None
+    return batch
 
 
 def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start | Refusal:
@@ -150,7 +143,7 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
             f"the velocity is uncertain by {velocity_sigma:.2g} m/s: too little motion across "
             "the lines"
         )
-    if len(best) > 1 and _is_rival(best[1], batch, covariances[0], start.confidence):
+    if any(_is_rival(other, batch, covariances[0], start.confidence) for other in best[1:]):
         return Refusal("two motions explain the lines as well as each other")
     lines = {}
     for i, (track, _, _) in enumerate(window.seen):
