@@ -93,11 +93,16 @@ class GeometricPoints:
         return float(np.sum(self.statistics[:, :, 2] ** 2))
 
     @cached_property
+    def frame_weights(self) -> FloatArray:
+        """What the points of each frame weigh together, (n,)."""
+        return np.asarray(np.sum(self.statistics[:, :, 2] ** 2, axis=1))
+
+    @cached_property
     def degrees_of_freedom(self) -> float:
         """Expected squared residual at the truth, over a point's variance: of a frame the weight of
         its points, but at most 2 without their scatter (or of two points).
         """
-        weights = np.sum(self.statistics[:, :, 2] ** 2, axis=1)
+        weights = self.frame_weights
         flat = ~self.statistics[:, 2].any(axis=1)
         return float(np.sum(np.where(flat, np.minimum(weights, 2.0), weights)))
 

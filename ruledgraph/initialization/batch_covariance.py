@@ -50,11 +50,11 @@ def state_covariance(
     count = len(information) - fixed
     information = information[:count, :count]
     systems = []
+    own_columns = slice(count + fixed, None)
     for line, own in of_lines.items():
         line_last = gtsam.Ordering(ordering)
         line_last.push_back(line)
         H, g = own.hessian(line_last)
-        own_columns = slice(count + fixed, None)
         by_line = np.linalg.solve(H[own_columns, own_columns], H[own_columns, :count])
         left = H[:count, :count] - H[:count, own_columns] @ by_line
         systems.append((left, g[:count] - g[own_columns] @ by_line))

@@ -79,8 +79,7 @@ class BatchGraph:
         for i, (_, frames, sightings) in enumerate(self._window.seen):
             self.factors.addPriorVector(LINES + i, np.zeros(4), wide)
             points = compressed_points(sightings)
-            parts = range(0, len(frames), chunk)
-            weights = [compressed_points(sightings[a : a + chunk]).weight for a in parts]
+            weights = np.add.reduceat(points.frame_weights, range(0, len(frames), chunk))
             surface = self._surface(i, self.motion.select(frames), points)
             scales = cauchy_px / sigma_px * np.sqrt(weights)
             factor = RobustLineFactor(surface, sigma, chunk, scales)

@@ -58,6 +58,7 @@ def test_mean_distance_is_the_weighted_mean_over_all_frames() -> None:
     points = [rng.normal(size=(count, 2)) * 0.4 for count in (1, 2, 15)]
     weights = [rng.uniform(0.1, 2.0, size=len(own)) for own in points]
     compressed = GeometricPoints.from_frames(points, weights)
+    np.testing.assert_allclose(compressed.frame_weights, [own.sum() for own in weights])
     lines = rng.normal(size=(3, 3))
     residual = np.concatenate([C @ m for C, m in zip(compressed.statistics, lines, strict=True)])
     distances = np.concatenate([own @ m[:2] + m[2] for own, m in zip(points, lines, strict=True)])

@@ -62,7 +62,8 @@ class Case:
 
 @pytest.mark.parametrize("off", [1e-3, 0.03, 0.3])
 def test_it_is_a_factor_with_gtsams_robust_noise_for_each_chunk(off):
-    case, values = Case(), Case().values(off)
+    case = Case()
+    values = case.values(off)
     assert case.one.error(values) == pytest.approx(case.each.error(values), rel=1e-9)
     ordering = gtsam.Ordering()
     for key in KEYS:
