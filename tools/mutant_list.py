@@ -70,9 +70,9 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "integrity/contradictions.py",
         "integrity/test_monitor",
         (
-            ("2.0 * float(np.mean(errors))", "0.2 * float(np.mean(errors))"),
+            ("limits.noise_limit**2 * likely", "limits.noise_limit * likely"),
+            ("1.0 - limits.confidence", "limits.confidence"),
             ("misfits / compared if", "0.5 * misfits / compared if"),
-            ("(misfit / limits.usual_misfit) ** 2", "misfit / limits.usual_misfit"),
         ),
     ),
     (
@@ -87,17 +87,24 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "integrity/monitor.py",
         "integrity/test_monitor",
         (
-            ("max(misfit, fading * self._misfit)", "misfit"),
-            ("max(1.0, factor, self._misfit)", "max(factor, self._misfit)"),
+            ("max(1.0, self._variance.mean)", "self._variance.mean"),
+            (
+                "max(self._inflation.factor, self._variance.of_covariances)",
+                "self._inflation.factor",
+            ),
         ),
     ),
     (
         "integrity/variance_factor.py",
         "integrity/test_variance_factor",
         (
-            ("min(elapsed / self._window, 1.0)", "1.0"),
-            ("(self._prior + self._nis)", "self._nis"),
-            ("kept * self._nis", "self._nis"),
+            (
+                "told[0].time <= time - self._window:\n            before",
+                "True:\n            before",
+            ),
+            ("self._newest.dof - 2.0", "self._newest.dof"),
+            ("kept * self.nis", "self.nis"),
+            ("len(told) > 1 and told[1].time", "len(told) > 1 and told[0].time"),
         ),
     ),
     (
@@ -108,6 +115,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("steps**2 / shares[told]", "steps**2"),
             ("found.bias.vector() - predicted.bias.vector()", "np.zeros(6)"),
             ("self._predictions[0]", "self._predictions[-1]"),
+            ("if solved else recent", "if True else recent"),
         ),
     ),
     (
@@ -171,14 +179,11 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "initialization/in_motion.py",
         "initialization/test_in_motion",
         (
-            (
-                "velocity_sigma < start.velocity_sigma",
-                "velocity_sigma < 2.0 * start.velocity_sigma",
-            ),
-            (
-                "velocity_sigma < start.velocity_sigma",
-                "velocity_sigma < 0.5 * start.velocity_sigma",
-            ),
+            ("sigma < start.velocity_sigma", "sigma < 2.0 * start.velocity_sigma"),
+            ("sigma < start.velocity_sigma", "sigma < 0.5 * start.velocity_sigma"),
+            ("speed < sure * along", "speed < 2.0 * sure * along"),
+            ("speed < sure * along", "speed < 0.5 * sure * along"),
+            ("along > start.rest_velocity_sigma and", ""),
             ("outliers > start.outlier_share", "outliers > 2.0 * start.outlier_share"),
             ("outliers > start.outlier_share", "outliers > 0.5 * start.outlier_share"),
             ("return differs and 2.0", "return False and 2.0"),

@@ -48,16 +48,27 @@ class Predictions:
         self._longest = longest
         self._predictions: list[Prediction] = []
 
-    def clear(self) -> None:
-        """Begin anew: at rest it is not the IMU that predicts."""
-        self._predictions.clear()
-
     def extend(
-        self, before: StateNode, interval: Interval, time: float, imu: ImuBuffer, noise: ImuNoise
+        self,
+        before: StateNode,
+        solved: bool,
+        interval: Interval,
+        time: float,
+        imu: ImuBuffer,
+        noise: ImuNoise,
     ) -> None:
-        """Go on to a new state, at a time (s), at the end of the interval after `before`."""
+        """Go on to a new state.
+
+        Args:
+            before: the state before it.
+            solved: whether that is an estimate, or a prediction itself.
+            interval: between them.
+            time: of the new state, s.
+            imu: samples that cover the interval.
+            noise: of the IMU.
+        """
         recent = [p for p in self._predictions if time - p.since <= self._longest]
-        self._predictions = [*recent, Prediction(before)]
+        self._predictions = [*recent, Prediction(before)] if solved else recent
         motion = interval.motion.select([-1])
         for prediction in self._predictions:
             prediction.carry_on(motion, time, imu, noise)

@@ -110,7 +110,7 @@ class StartConfig(Section):
     move. On two real cameras a quarter of the tracks miss a straight line by more than 0.4 px; from
     a half on no robust loss holds."""
     confidence: float = number(0.99, "", 0.5, 0.9999)
-    """Of the chi-square tests of sightings and of rival hypotheses."""
+    """Of the tests of sightings, of rival hypotheses, and of whether there is any speed."""
     sigma_px: float = number(1.0, "px", 0.05, 20.0)
     """Standard deviation of an edge point in the start's problem: twice that of the smoother, as
     a track's points err together."""
@@ -157,19 +157,16 @@ class IntegrityConfig(Section):
     """Fewest intervals between states that are checked."""
     min_observations: int = number(10, "", 1, 10_000)
     """Fewest lines compared with their points, for the share that does not fit."""
-    max_error: float = number(45.0, "", 0.1, 1e6)
-    """Error from which images and IMU disagree: a focal length off by 3 % gives 90."""
-    agreed_error: float = number(20.0, "", 0.1, 1e6)
-    """Error below which they agree again."""
-    variance_prior: float = number(5.0, "", 0.1, 1e3)
+    noise_limit: float = number(5.0, "", 1.0, 1e3)
+    """Images and IMU disagree where an innovation needs noise of more than so many times its
+    figures (those of real recordings that go well need up to 3.6 times) ..."""
+    confidence: float = number(0.999, "", 0.5, 0.999999)
+    """... with this confidence."""
+    variance_prior: float = number(5.0, "", 3.0, 1e3)
     """Degrees of freedom that the noise figures count for, beside the innovations: a window of a
     moving camera has about ten."""
     variance_memory: float = number(5.0, "s", 0.1, 1e4)
     """Time constant with which innovations are forgotten: two windows."""
-    fade_time: float = number(5.0, "s", 0.01, 1e3)
-    """Time constant with which inflated covariances shrink again."""
-    usual_misfit: float = number(0.1, "", 0.001, 1.0)
-    """Share of lines that do not fit, beyond which covariances grow; flights reach 0.12."""
     max_misfit: float = number(0.3, "", 0.001, 1.0)
     """Share from which lines and estimate disagree; blurred flights reach 0.28."""
     agreed_misfit: float = number(0.2, "", 0.001, 1.0)

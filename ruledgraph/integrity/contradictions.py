@@ -4,36 +4,43 @@
 
 from collections.abc import Sequence
 
-import gtsam
-import numpy as np
-from gtsam.symbol_shorthand import B, V, X
+from scipy.special import chdtri
 
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import Interval
 from ruledgraph.core.config import IntegrityConfig
+from ruledgraph.core.estimates import Innovation
 from ruledgraph.core.timing import Messages
 
 
 class ImuCheck:
-    """Compares the estimate with the IMU."""
+    """Compares the innovations with the noise figures, by a chi-square test.
+
+    They contradict each other where the innovation of a window is too large even for noise of
+    `noise_limit` times its figures.
+    """
 
     def __init__(self, warnings: Messages, config: IntegrityConfig) -> None:
         self._warnings = warnings
         self._config = config
         self.contradicts = False
-        """Whether images and IMU do."""
+        """Whether images and IMU contradict each other."""
 
-    def update(self, window: Window) -> None:
-        """Take in the window's newest state."""
-        error, limits, time = imu_error(window, self._config), self._config, window.newest.time
-        if error is None:
+    def update(self, innovation: Innovation | None, time: float) -> None:
+        """Take in the innovation of a state, at a time, s."""
+        limits = self._config
+        if innovation is None:
             return
-        if error > limits.max_error and not self.contradicts:
+        likely = float(chdtri(innovation.dof, 1.0 - limits.confidence))
+        before, self.contradicts = (
+            self.contradicts,
+            (innovation.nis > limits.noise_limit**2 * likely),
+        )
+        if self.contradicts and not before:
             self._warnings.append(
-                f"images and IMU disagree since {time:.2f} s: check time offset, extrinsics "
-                "and the IMU's range"
+                f"images and IMU disagree since {time:.2f} s: check time offset, "
+                "extrinsics and the IMU's range"
             )
-        self.contradicts = error > (limits.agreed_error if self.contradicts else limits.max_error)
 
 
 class LineCheck:
@@ -52,10 +59,8 @@ class LineCheck:
         """Whether too many lines do not fit the estimate."""
         return self._misfit_since is not None
 
-    def excess(self, window: Window, still: bool) -> float:
-        """By how much the share of lines that do not fit says that covariances are too small; when
-        most do not, the estimate is lost.
-        """
+    def update(self, window: Window, still: bool) -> None:
+        """Take in the window's newest state, and whether the body has been at rest until then."""
         limits, time = self._config, window.newest.time
         misfit = misfit_share(window, limits)
         if misfit is not None:
@@ -76,24 +81,6 @@ class LineCheck:
         self.lost = compared and self._misfit > (
             limits.max_misfit if is_long else limits.lost_misfit
         )
-        return 1.0 if misfit is None else (misfit / limits.usual_misfit) ** 2
-
-
-def imu_error(window: Window, config: IntegrityConfig) -> float | None:
-    """Twice the error of the last IMU factors, on average, without the newest one, which little
-    contradicts yet; None if there are too few.
-    """
-    intervals = _last(list(window.intervals), window, config)
-    if len(intervals) < config.min_intervals:
-        return None
-    values = gtsam.Values()
-    for interval in intervals:
-        node = interval.node
-        values.insert(X(node.index), node.state.pose())
-        values.insert(V(node.index), node.state.velocity())
-        values.insert(B(node.index), node.bias)
-    errors = [interval.imu_factors[0].error(values) for interval in intervals[:-1]]
-    return 2.0 * float(np.mean(errors))
 
 
 def misfit_share(window: Window, config: IntegrityConfig) -> float | None:

@@ -10,7 +10,6 @@
 - The estimate moves while the body rests.
 """
 
-import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -59,12 +58,9 @@ class IntegrityMonitor:
         self._imu = ImuCheck(warnings, config.integrity)
         self._lines = LineCheck(warnings, config.integrity)
         self._variance = VarianceFactor(config.integrity, config.window.lag)
-        # What lines that do not fit say of the same, fading.
-        self._misfit = 1.0
         self._parallel = ParallelLines(config.integrity)
         self._rest = RestSlide(warnings, config.rest.slide_warning)
         self._inflation = _Inflation(1.0, np.zeros((3, 3)), np.zeros((3, 3)))
-        self._time = 0.0
         # The gauge uncertainty with all that applies at the newest state.
         self._gauge = gauge_uncertainty
 
@@ -91,16 +87,13 @@ class IntegrityMonitor:
     def update(self, window: Window, still: bool) -> None:
         """Take in the newest state, optimised, and whether the body has been at rest until then."""
         node = window.newest
-        elapsed, self._time = node.time - self._time, node.time
         disagreed = self.disagree
-        self._imu.update(window)
-        factor = self._variance.update(window.innovation, elapsed)
-        misfit = self._lines.excess(window, still)
+        self._imu.update(window.innovation, node.time)
+        self._variance.update(window.innovation, node.time)
+        self._lines.update(window, still)
         if disagreed and not self.disagree:
             self._keep_error(node)
-        fading = 1.0 if self.disagree else math.exp(-elapsed / self._limits.fade_time)
-        self._misfit = max(misfit, fading * self._misfit)
-        self._inflate(node, max(1.0, factor, self._misfit))
+        self._inflate(node, max(1.0, self._variance.mean))
         self._add_to_gauge(self._parallel.update(window, self._inflation.factor))
         self._add_to_gauge(self._rest.update(node.state.position(), node.time, still))
         more = self._inflation.added - (self._inflation.factor - 1.0) * _of_position(node)
@@ -118,7 +111,8 @@ class IntegrityMonitor:
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
     ) -> Covariances:
         """Marginals of a state, inflated by what contradicts them, plus the gauge uncertainty."""
-        of_pose, of_velocity, of_bias = (self._inflation.factor * block for block in covariances)
+        factor = max(self._inflation.factor, self._variance.of_covariances)
+        of_pose, of_velocity, of_bias = (factor * block for block in covariances)
         return self._gauge.added_to((of_pose, of_velocity, of_bias), pose, velocity)
 
     def are_small(self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray) -> bool:
@@ -144,7 +138,6 @@ class IntegrityMonitor:
             excess * float(up @ node.covariances[0][:3, :3] @ up),
             node.state.position(),
         )
-        self._misfit = 1.0
         self._inflation = self._inflation._replace(added=np.zeros((3, 3)))
 
     def _inflate(self, node: StateNode, factor: float) -> None:

@@ -3,9 +3,23 @@
 """How much larger the noise is than its figures say, by the innovations."""
 
 import math
+from collections import deque
+from typing import NamedTuple
 
 from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Innovation
+
+
+class _Told(NamedTuple):
+    """By the innovations of a window, of the one that ended where it began, and so on."""
+
+    time: float
+    nis: float
+    dof: float
+
+    def faded(self, time: float, memory: float) -> "_Told":
+        kept = math.exp((self.time - time) / memory)
+        return _Told(time, kept * self.nis, kept * self.dof)
 
 
 class VarianceFactor:
@@ -14,15 +28,16 @@ class VarianceFactor:
     The estimate is the same whatever s^2 is, its covariance is proportional to it (but for the
     robust loss, whose scale is in pixels, and what is left of the priors of a start). With the
     noise figures counting as `prior` degrees of freedom of s^2 = 1, and innovations of nis_k over
-    dof_k degrees of freedom, its mean is about
+    dof_k degrees of freedom, s^2 is scaled inverse chi-square, and an estimate whose covariance is
+    s^2 C is distributed as Student's t, of the covariance
 
-        s^2 = (prior + sum w_k nis_k) / (prior + sum w_k dof_k).
+        C (prior + sum w_k nis_k) / (n - 2),    n = prior + sum w_k dof_k.
 
-    Innovations are of a window: of the n states in one, each tells a share w_k = 1 / n, and it is
-    forgotten with time.
+    An innovation is of a window: those of the newest window, the one before it and so on count,
+    which are independent, the older the less.
 
-    Source: Mikhail and Ackermann, Observations and Least Squares (1976), a posteriori variance
-    factor.
+    Source: Gelman et al., Bayesian Data Analysis (3rd edition, 2013), 3.2; Mikhail and Ackermann,
+    Observations and Least Squares (1976), a posteriori variance factor.
 
     Args:
         config: `variance_prior` and `variance_memory`.
@@ -33,14 +48,30 @@ class VarianceFactor:
         self._prior = config.variance_prior
         self._memory = config.variance_memory
         self._window = window
-        self._nis = self._dof = 0.0
+        self._told: deque[_Told] = deque()
+        self._newest = _Told(0.0, 0.0, 0.0)
 
-    def update(self, innovation: Innovation | None, elapsed: float) -> float:
-        """The factor when so much time (s) has passed to a state with this innovation."""
-        kept = math.exp(-elapsed / self._memory)
-        self._nis, self._dof = kept * self._nis, kept * self._dof
-        if innovation is not None:
-            share = min(elapsed / self._window, 1.0)
-            self._nis += share * innovation.nis
-            self._dof += share * innovation.dof
-        return (self._prior + self._nis) / (self._prior + self._dof)
+    @property
+    def mean(self) -> float:
+        """S^2 as known, without what is unknown of it."""
+        return (self._prior + self._newest.nis) / (self._prior + self._newest.dof)
+
+    @property
+    def of_covariances(self) -> float:
+        """That of Student's t."""
+        return (self._prior + self._newest.nis) / (self._prior + self._newest.dof - 2.0)
+
+    def update(self, innovation: Innovation | None, time: float) -> None:
+        """Take in the innovation of a state at a time, s."""
+        told = self._told
+        while len(told) > 1 and told[1].time <= time - self._window:
+            told.popleft()
+        if innovation is None:
+            self._newest = self._newest.faded(time, self._memory)
+            return
+        newest = _Told(time, innovation.nis, innovation.dof)
+        if told and told[0].time <= time - self._window:
+            before = told[0].faded(time, self._memory)
+            newest = _Told(time, newest.nis + before.nis, newest.dof + before.dof)
+        told.append(newest)
+        self._newest = newest

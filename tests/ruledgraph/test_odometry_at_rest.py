@@ -82,3 +82,20 @@ def test_a_recording_that_ends_at_an_unsolved_node_is_solved_to_its_end(monkeypa
     assert odometry.window.solved < end
     odometry.finish()
     assert solved[-1] == end
+
+
+def test_a_rest_that_the_imu_denies_is_solved_at_each_state(monkeypatch):
+    """A lift that comes to 1 m/s^2: for the first seconds it is no bias, and what is said of it
+    is that images and IMU disagree.
+    """
+    solved, stream = times_solved(monkeypatch), []
+    for measurement in resting_stream(6.0):
+        if isinstance(measurement, ImuSample):
+            up = np.array([0.0, 0.0, np.clip(measurement.stamp * 1e-9 - 3.0, 0.0, 1.0)])
+            measurement = measurement._replace(accelerometer=measurement.accelerometer + up)
+        stream.append(measurement)
+    odometry, live, _ = run(stream, small_stream()[1])
+    while_rising = [time for time in solved if 3.5 < time < 4.5]
+    assert np.diff(while_rising) == pytest.approx(0.2, abs=0.05)
+    assert any("images and IMU disagree" in warning for warning in odometry.warnings)
+    assert "degraded" in {e.status for e in live if 3.5 < e.time < 4.5}

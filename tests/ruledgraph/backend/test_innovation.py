@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from ideal_tracks import CALIBRATION, MANY, ideal_tracks, start_of
+from ideal_tracks import CALIBRATION, MANY, at_rest, ideal_tracks, start_of
 from ruledgraph.backend.innovation import innovation
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import StateNode
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
+from ruledgraph.core.estimates import Innovation
+from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.propagation import propagated_covariances
 from ruledgraph_factors import preintegrate_frames
 from simulated_window import hand_held
@@ -137,11 +139,35 @@ def test_without_a_covariance_there_is_none() -> None:
         assert window.innovation is None
 
 
-def test_at_rest_and_at_the_first_state_there_is_none() -> None:
-    made = ideal_tracks(1, hand_held(np.random.default_rng(1)), duration=1.0, segments=MANY)
-    window = Window(CALIBRATION, Config(), start_of(made))
-    for first, still in ((0, False), (4, False), (8, True), (12, False), (16, False)):
+def standing(acceleration: float) -> tuple[Window, list[Innovation | None]]:
+    """A window that is solved every 0.4 s, not at each state, before lines that do not move."""
+    made = ideal_tracks(1, at_rest(2.8), duration=2.8, segments=MANY)
+    samples, felt = made.imu.between(0.0, 2.8), ImuBuffer()
+    up = at_rest(2.8).pose(0.0).rotation().unrotate(np.array([0.0, 0.0, 1.0]))
+    for time, w, f in zip(samples.times, samples.gyroscope, samples.accelerometer, strict=True):
+        felt.append(time, w, f + (acceleration * up if time > 1.0 else 0.0))
+    window, found = Window(CALIBRATION, Config(), start_of(made)), []
+    for first in range(0, len(made.stamps) - 5, 4):
         part = slice(1 + first, 5 + first)
-        window.extend(made.stamps[part], made.times[part].tolist(), made.imu, made.tracks, still)
-        window.optimize()
-        assert (window.innovation is None) == (still or first == 0)
+        window.extend(made.stamps[part], made.times[part].tolist(), felt, made.tracks, True)
+        if first % 8 == 0:
+            window.optimize()
+            found.append(window.innovation)
+        else:
+            assert window.innovation is None
+    return window, found
+
+
+def test_at_rest_it_is_that_of_the_rest() -> None:
+    _, (first, *found) = standing(0.0)
+    assert first is None
+    for each in found:
+        assert each is not None
+        assert each.nis < chi2.ppf(0.999, each.dof)
+
+
+def test_a_lift_that_starts_is_no_rest() -> None:
+    _, (_, *found) = standing(1.0)
+    newest = found[-1]
+    assert newest is not None
+    assert newest.nis > 3.0 * chi2.ppf(0.999, newest.dof)

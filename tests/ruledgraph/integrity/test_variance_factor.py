@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2, t
 
 from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Innovation
@@ -12,39 +13,58 @@ from ruledgraph.integrity.variance_factor import VarianceFactor
 CONFIG = IntegrityConfig(variance_prior=5.0, variance_memory=5.0)
 
 
-def test_without_innovations_the_noise_figures_hold():
+def after(factor: VarianceFactor, innovation: Innovation | None, time: float) -> float:
+    factor.update(innovation, time)
+    return factor.of_covariances
+
+
+def test_without_innovations_it_is_the_variance_of_students_t():
     factor = VarianceFactor(CONFIG, window=2.5)
-    assert [factor.update(None, 0.2) for _ in range(3)] == [1.0] * 3
+    found = [after(factor, None, time) for time in (0.2, 0.4, 0.6)]
+    assert found == pytest.approx([t.var(5.0)] * 3)
 
 
-def test_a_window_counts_as_the_degrees_of_freedom_of_one_innovation():
-    """One at its end, or one at each of its states."""
-    memory = IntegrityConfig(variance_prior=5.0, variance_memory=1e4)
-    once, often = (VarianceFactor(memory, window=2.5) for _ in range(2))
-    expected = (5.0 + 40.0) / (5.0 + 10.0)
-    assert once.update(Innovation(40.0, 10), 2.5) == pytest.approx(expected, rel=1e-3)
-    for _ in range(10):
-        found = often.update(Innovation(40.0, 10), 0.25)
-    assert found == pytest.approx(expected, rel=1e-3)
+def test_the_newest_window_counts_in_full_and_is_not_counted_twice():
+    factor = VarianceFactor(CONFIG, window=2.5)
+    for time in np.arange(0.2, 2.4, 0.2).tolist():
+        factor.update(Innovation(40.0, 10), time)
+        assert factor.mean == pytest.approx((5.0 + 40.0) / (5.0 + 10.0))
+        assert factor.of_covariances == pytest.approx((5.0 + 40.0) / (5.0 + 10.0 - 2.0))
+
+
+def test_windows_that_do_not_overlap_count_the_older_the_less():
+    factor = VarianceFactor(CONFIG, window=2.5)
+    factor.update(Innovation(100.0, 10), 1.0)
+    factor.update(Innovation(7.0, 9), 2.0)
+    kept = np.exp(-2.5 / 5.0)
+    expected = (5.0 + 30.0 + 100.0 * kept) / (3.0 + 8.0 + 10.0 * kept)
+    assert after(factor, Innovation(30.0, 8), 3.5) == pytest.approx(expected)
 
 
 def test_what_was_told_is_forgotten():
     factor = VarianceFactor(CONFIG, window=2.5)
-    factor.update(Innovation(100.0, 10), 2.5)
+    factor.update(Innovation(100.0, 10), 1.0)
     kept = np.exp(-5.0 / 5.0)
-    expected = (5.0 + 100.0 * kept) / (5.0 + 10.0 * kept)
-    assert factor.update(None, 5.0) == pytest.approx(expected)
-    assert factor.update(None, 1e3) == pytest.approx(1.0)
+    assert after(factor, None, 6.0) == pytest.approx((5.0 + 100.0 * kept) / (3.0 + 10.0 * kept))
+    assert after(factor, None, 1e4) == pytest.approx(5.0 / 3.0)
 
 
-@pytest.mark.parametrize("true", [0.5, 4.0])
-def test_it_finds_the_factor_of_its_draws(true):
-    """On the way to it from 1 by the prior, (5 + 20.5 s^2) / 25.5 with 0.2 s of 2.5 a state."""
+@pytest.mark.parametrize("dof", [3, 10])
+def test_errors_in_units_of_it_are_as_large_as_it_says(dof):
+    """Noise whose factor is drawn from its prior, one window of innovations, and one error."""
     rng = np.random.default_rng(0)
-    factor = VarianceFactor(CONFIG, window=2.5)
-    draws = true * rng.chisquare(10, size=5000)
-    found = [factor.update(Innovation(nis, 10), 0.2) for nis in draws.tolist()]
-    counted = 10 * 0.2 / 2.5 / (1.0 - np.exp(-0.2 / 5.0))
-    expected = (5.0 + counted * true) / (5.0 + counted)
-    # The mean over 200 memories, each of some 25 states: 0.6 % of deviation.
-    assert np.mean(found[100:]) == pytest.approx(expected, rel=0.03)
+    count, prior = 20_000, 8.0
+    true = prior / rng.chisquare(prior, size=count)
+    nis = true * rng.chisquare(dof, size=count)
+    errors = np.sqrt(true) * rng.standard_normal(count)
+    config = IntegrityConfig(variance_prior=prior)
+    found = [
+        after(VarianceFactor(config, 2.5), Innovation(value, dof), 1.0) for value in nis.tolist()
+    ]
+    # Errors squared have a kurtosis of at most 4.5: 2.2 % of deviation.
+    assert np.mean(np.square(errors) / found) == pytest.approx(1.0, abs=0.07)
+    # The tails are those of Student's t: a little more than a Gaussian's.
+    beyond = np.mean(np.square(errors) > 9.0 * np.array(found))
+    degrees = prior + dof
+    expected = 2.0 * t.sf(3.0 * np.sqrt(degrees / (degrees - 2.0)), degrees)
+    assert chi2.sf(9.0, 1) < beyond == pytest.approx(expected, abs=4.0 * np.sqrt(expected / count))
