@@ -167,8 +167,12 @@ class Batch:
         linear = self._graph.factors.linearize(self.values)
         return state_covariance(linear, keys, fixed=int(self._is_timed))
 
-    def velocity_covariances(self) -> tuple[FloatArray, FloatArray]:
-        """Of the velocity at the window's start and at its end, in the world, (3, 3) each."""
+    def velocities(self) -> list[tuple[FloatArray, FloatArray]]:
+        """At the window's start and at its end, in the world, (3,), with covariances, (3, 3).
+
+        Raises:
+            RuntimeError, numpy.linalg.LinAlgError: when they are indeterminate.
+        """
         covariance = self.state_covariance()
         R = self.pose.rotation().matrix()
         gained = self._graph.motion.corrected(self.bias.vector())[-1, 6:9]
@@ -176,4 +180,10 @@ class Batch:
         by_state[:, :3] = -R @ gtsam.SO3.Hat(gained)
         by_state[:, 6:9] = np.eye(3)
         by_state[:, 9:] = R @ self._graph.motion.bias_jacobian[-1, 6:9]
-        return covariance[6:9, 6:9], by_state @ covariance @ by_state.T
+        state = gtsam.NavState(self.pose, self.velocity)
+        gravity = self._window.config.imu.gravity_in_world
+        last = self._graph.motion.velocities(state, self.bias, gravity)[-1]
+        return [
+            (self.velocity, covariance[6:9, 6:9]),
+            (last, by_state @ covariance @ by_state.T),
+        ]

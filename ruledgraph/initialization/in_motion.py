@@ -5,6 +5,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from statistics import NormalDist
 
 import gtsam
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from ruledgraph.backend.start import Start
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.core.config import Config
+from ruledgraph.core.config import Config, StartConfig
 from ruledgraph.core.line_observations import LineTrack
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
@@ -134,16 +135,14 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
     if outliers > start.outlier_share:
         return Refusal(f"only {100 * (1 - outliers):.0f} % of the lines fit a common motion")
     try:
-        covariances = batch.velocity_covariances()
-        velocity_sigma = max(float(np.sqrt(np.linalg.eigvalsh(c)[-1])) for c in covariances)
+        velocities = batch.velocities()
     except (RuntimeError, np.linalg.LinAlgError):
-        velocity_sigma = np.inf
-    if not velocity_sigma < start.velocity_sigma:
-        return Refusal(
-            f"the velocity is uncertain by {velocity_sigma:.2g} m/s: too little motion across "
-            "the lines"
-        )
-    if any(_is_rival(other, batch, covariances[0], start.confidence) for other in best[1:]):
+        return Refusal("too little motion across the lines: the velocity is indeterminate")
+    for velocity, covariance in velocities:
+        unknown = _unknown(velocity, covariance, start)
+        if unknown:
+            return Refusal(unknown)
+    if any(_is_rival(other, batch, velocities[0][1], start.confidence) for other in best[1:]):
         return Refusal("two motions explain the lines as well as each other")
     lines = {}
     for i, (track, _, _) in enumerate(window.seen):
@@ -167,6 +166,27 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
         lines=lines,
         time_offset=offset,
     )
+
+
+def _unknown(velocity: FloatArray, covariance: FloatArray, start: StartConfig) -> str:
+    """Why a velocity is not known well enough; nothing if it is.
+
+    A scale that is known to a share only is a deviation of the speed by this share: where the speed
+    may as well be none the scale may be any, however small both are. A body that is known to be at
+    rest has no speed.
+    """
+    sigma = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
+    if not sigma < start.velocity_sigma:
+        return f"the velocity is uncertain by {sigma:.2g} m/s: too little motion across the lines"
+    speed = float(np.linalg.norm(velocity))
+    along = float(np.sqrt(velocity @ covariance @ velocity)) / speed
+    sure = NormalDist().inv_cdf(0.5 + 0.5 * start.confidence)
+    if along > start.rest_velocity_sigma and speed < sure * along:
+        return (
+            f"the speed is {speed:.2g} m/s, uncertain by {along:.2g}: too little acceleration to "
+            "tell the scale"
+        )
+    return ""
 
 
 def _is_rival(other: Batch, best: Batch, covariance: FloatArray, confidence: float) -> bool:

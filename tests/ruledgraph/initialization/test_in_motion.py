@@ -130,8 +130,8 @@ def test_a_start_waits_until_the_velocity_is_known():
     sigmas = []
     for duration in (0.3, 0.45, 0.55, 0.6):
         made = in_motion(0, duration=duration)
-        covariances = solved(window_of(made))[0].velocity_covariances()
-        sigma = max(np.sqrt(np.linalg.eigvalsh(c)[-1]) for c in covariances)
+        velocities = solved(window_of(made))[0].velocities()
+        sigma = max(np.sqrt(np.linalg.eigvalsh(c)[-1]) for _, c in velocities)
         # The threshold, as its meaning is documented: some 8 cm/s.
         assert isinstance(begun(made), Start) == (sigma < 0.08)
         sigmas.append(sigma)
@@ -191,12 +191,32 @@ def test_a_start_moves_to_where_the_last_segment_ended():
     np.testing.assert_allclose(after, turn.rotate(before) + np.array([1.0, 2.0, 3.0]), atol=1e-9)
 
 
-def test_a_start_is_accepted_when_its_velocity_is_known_to_8_cm_per_s(monkeypatch):
-    made = in_motion(0)
-    for sigma, is_accepted in ((0.07, True), (0.09, False)):
-        covariances = (1e-6 * np.eye(3), sigma**2 * np.eye(3))
-        monkeypatch.setattr(Batch, "velocity_covariances", lambda _, known=covariances: known)
-        assert isinstance(begun(made), Start) == is_accepted
+SURE = np.array([1.0, 0.0, 0.0]), 1e-6 * np.eye(3)
+
+
+@pytest.mark.parametrize(
+    ("speed", "sigmas", "reason"),
+    [
+        (1.0, (0.07, 0.07, 0.07), ""),
+        (1.0, (0.01, 0.01, 0.09), "uncertain by 0.09 m/s"),
+        # A scale of 100 +- 36 % is known with 99 % confidence, one of 100 +- 43 % is not ...
+        (0.1, (0.036, 0.01, 0.01), ""),
+        (0.1, (0.043, 0.01, 0.01), "too little acceleration"),
+        # ... across the motion it does not matter, and at rest there is none.
+        (0.1, (0.036, 0.07, 0.07), ""),
+        (0.001, (0.009, 0.009, 0.009), ""),
+    ],
+)
+@pytest.mark.parametrize("which", [0, 1], ids=["at the start", "at the end"])
+def test_a_start_is_accepted_when_velocity_and_scale_are_known(
+    monkeypatch, speed, sigmas, reason, which
+):
+    ends = [SURE, SURE]
+    ends[which] = np.array([speed, 0.0, 0.0]), np.diag(np.square(sigmas))
+    monkeypatch.setattr(Batch, "velocities", lambda _: ends)
+    found = begun(in_motion(0))
+    assert isinstance(found, Refusal) == bool(reason)
+    assert reason in getattr(found, "reason", "")
 
 
 def test_a_start_is_accepted_when_a_third_of_the_sightings_contradicts_it(monkeypatch):
