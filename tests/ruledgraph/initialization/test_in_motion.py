@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
 
+from collections.abc import Callable
+from functools import partial
 from types import SimpleNamespace
 
 import gtsam
@@ -48,6 +50,20 @@ def window_of(made: IdealTracks) -> FirstWindow:
     seen = [Seen(track, frames, list(track.sightings)) for track in made.tracks]
     samples = made.imu.between(made.times[0], made.times[-1])
     return FirstWindow(samples, made.times.tolist(), seen, CALIBRATION, Config())
+
+
+@pytest.fixture(scope="module")
+def made_and_solved() -> tuple[IdealTracks, list[Batch]]:
+    made = in_motion(0)
+    return made, solved(window_of(made))
+
+
+@pytest.fixture
+def begun_again(made_and_solved, monkeypatch) -> Callable[[], Start | Refusal]:
+    """The verdict on what was solved before."""
+    made, found = made_and_solved
+    monkeypatch.setattr(ruledgraph.initialization.in_motion, "solved", lambda _: found)
+    return partial(begun, made)
 
 
 def tilt_error(attitude: gtsam.Rot3, made: IdealTracks) -> float:
@@ -152,10 +168,9 @@ def test_one_line_is_refused_with_the_reason():
     ids=["another motion", "one that fits worse", "the same motion"],
 )
 def test_a_start_is_refused_when_another_motion_fits_as_well(
-    monkeypatch, velocity, worse, is_accepted
+    monkeypatch, made_and_solved, velocity, worse, is_accepted
 ):
-    made = in_motion(0)
-    best = solved(window_of(made))[0]
+    made, (best, *_) = made_and_solved
     rival = SimpleNamespace(
         pose=best.pose, velocity=best.velocity + velocity * np.eye(3)[0], error=best.error + worse
     )
@@ -209,18 +224,20 @@ SURE = np.array([1.0, 0.0, 0.0]), 1e-6 * np.eye(3)
 )
 @pytest.mark.parametrize("which", [0, 1], ids=["at the start", "at the end"])
 def test_a_start_is_accepted_when_velocity_and_scale_are_known(
-    monkeypatch, speed, sigmas, reason, which
+    monkeypatch, begun_again, speed, sigmas, reason, which
 ):
     ends = [SURE, SURE]
     ends[which] = np.array([speed, 0.0, 0.0]), np.diag(np.square(sigmas))
     monkeypatch.setattr(Batch, "velocities", lambda _: ends)
-    found = begun(in_motion(0))
+    found = begun_again()
     assert isinstance(found, Refusal) == bool(reason)
     assert reason in getattr(found, "reason", "")
 
 
-def test_a_start_is_accepted_when_a_third_of_the_sightings_contradicts_it(monkeypatch):
-    made = in_motion(0)
+def test_a_start_is_accepted_when_a_third_of_the_sightings_contradicts_it(
+    monkeypatch, made_and_solved, begun_again
+):
+    made, _ = made_and_solved
     for share, is_accepted in ((0.3, True), (0.4, False)):
 
         def misfits(_: Batch, sigma: float, share: float = share) -> list[np.ndarray]:
@@ -228,4 +245,4 @@ def test_a_start_is_accepted_when_a_third_of_the_sightings_contradicts_it(monkey
             return [np.where(np.arange(20) < 20 * share, 1e3, 0.0) for _ in made.tracks]
 
         monkeypatch.setattr(Batch, "misfits", misfits)
-        assert isinstance(begun(made), Start) == is_accepted
+        assert isinstance(begun_again(), Start) == is_accepted
