@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Integrity monitoring: inflates covariances for errors that the window's marginals do not show.
+"""Integrity monitoring: whether the estimate contradicts the IMU or the lines, and covariances
+that are inflated for errors that the window's marginals do not show.
 
 - Noise is larger than its figures say: marginals depend on the figures alone. Where it seems to be
   smaller they stay: it may be chance, or a motion that says little.
-- The estimate is lost: the robust loss ignores most lines, and the remaining ones agree.
 - All lines are parallel: only the IMU observes the motion along them, but marginals of factors
   linearised at other points say otherwise.
 - The estimate moves while the body rests.
