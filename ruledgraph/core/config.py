@@ -157,11 +157,9 @@ class IntegrityConfig(Section):
     """Fewest intervals between states that are checked."""
     min_observations: int = number(10, "", 1, 10_000)
     """Fewest lines compared with their points, for the share that does not fit."""
-    noise_limit: float = number(5.0, "", 1.0, 1e3)
-    """Images and IMU disagree where an innovation needs noise of more than so many times its
-    figures (those of real recordings that go well need up to 3.6 times) ..."""
-    confidence: float = number(0.999, "", 0.5, 0.999999)
-    """... with this confidence."""
+    confidence: float = number(0.9999, "", 0.5, 0.999999)
+    """Images and IMU disagree where an innovation needs more noise than the figures and the
+    innovations before it have shown: the confidence of this F-test. There are 5 states a second."""
     variance_prior: float = number(5.0, "", 3.0, 1e3)
     """Degrees of freedom that the noise figures count for, beside the innovations: a window of a
     moving camera has about ten."""

@@ -4,42 +4,35 @@
 
 from collections.abc import Sequence
 
-from scipy.special import chdtri
-
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import Interval
 from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Innovation
 from ruledgraph.core.timing import Messages
+from ruledgraph.integrity.variance_factor import VarianceFactor
 
 
 class ImuCheck:
-    """Compares the innovations with the noise figures, by a chi-square test.
-
-    They contradict each other where the innovation of a window is too large even for noise of
-    `noise_limit` times its figures.
-    """
+    """Compares the innovations with each other and the noise figures; see `VarianceFactor`."""
 
     def __init__(self, warnings: Messages, config: IntegrityConfig) -> None:
         self._warnings = warnings
-        self._config = config
+        self._confidence = config.confidence
         self.contradicts = False
         """Whether images and IMU contradict each other."""
 
-    def update(self, innovation: Innovation | None, time: float) -> None:
-        """Take in the innovation of a state, at a time, s."""
-        limits = self._config
+    def update(
+        self, innovation: Innovation | None, time: float, variance_factor: VarianceFactor
+    ) -> None:
+        """Take in the innovation of a state, at a time (s), that the factor has not yet."""
         if innovation is None:
             return
-        likely = float(chdtri(innovation.dof, 1.0 - limits.confidence))
-        before, self.contradicts = (
-            self.contradicts,
-            (innovation.nis > limits.noise_limit**2 * likely),
-        )
+        before = self.contradicts
+        self.contradicts = variance_factor.is_unlikely(innovation, time, self._confidence)
         if self.contradicts and not before:
             self._warnings.append(
-                f"images and IMU disagree since {time:.2f} s: check time offset, "
-                "extrinsics and the IMU's range"
+                f"images and IMU disagree since {time:.2f} s: check time offset, extrinsics, the "
+                "IMU's noise figures and its range"
             )
 
 

@@ -88,7 +88,7 @@ class IntegrityMonitor:
         """Take in the newest state, optimised, and whether the body has been at rest until then."""
         node = window.newest
         disagreed = self.disagree
-        self._imu.update(window.innovation, node.time)
+        self._imu.update(window.innovation, node.time, self._variance)
         self._variance.update(window.innovation, node.time)
         self._lines.update(window, still)
         if disagreed and not self.disagree:

@@ -6,6 +6,8 @@ import math
 from collections import deque
 from typing import NamedTuple
 
+from scipy.special import fdtri
+
 from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Innovation
 
@@ -61,17 +63,36 @@ class VarianceFactor:
         """That of Student's t."""
         return (self._prior + self._newest.nis) / (self._prior + self._newest.dof - 2.0)
 
+    def is_unlikely(self, innovation: Innovation, time: float, confidence: float) -> bool:
+        """Whether an innovation needs more noise than the figures and the windows before it show.
+
+        An F-test: with s^2 of n degrees of freedom by these, (nis / dof) / s^2 ~ F(dof, n).
+
+        Args:
+            innovation: of a state, not taken in yet.
+            time: of this state, s.
+            confidence: with which it is unlikely.
+        """
+        before = self._before(time)
+        known = self._prior + before.dof
+        expected = max(1.0, (self._prior + before.nis) / known)
+        most = float(fdtri(innovation.dof, known, confidence))
+        return innovation.nis > most * expected * innovation.dof
+
     def update(self, innovation: Innovation | None, time: float) -> None:
         """Take in the innovation of a state at a time, s."""
-        told = self._told
-        while len(told) > 1 and told[1].time <= time - self._window:
-            told.popleft()
         if innovation is None:
             self._newest = self._newest.faded(time, self._memory)
             return
-        newest = _Told(time, innovation.nis, innovation.dof)
+        before = self._before(time)
+        self._newest = _Told(time, innovation.nis + before.nis, innovation.dof + before.dof)
+        self._told.append(self._newest)
+
+    def _before(self, time: float) -> _Told:
+        """What was told before the window that ends at a time, s."""
+        told = self._told
+        while len(told) > 1 and told[1].time <= time - self._window:
+            told.popleft()
         if told and told[0].time <= time - self._window:
-            before = told[0].faded(time, self._memory)
-            newest = _Told(time, newest.nis + before.nis, newest.dof + before.dof)
-        told.append(newest)
-        self._newest = newest
+            return told[0].faded(time, self._memory)
+        return _Told(time, 0.0, 0.0)

@@ -68,3 +68,32 @@ def test_errors_in_units_of_it_are_as_large_as_it_says(dof):
     degrees = prior + dof
     expected = 2.0 * t.sf(3.0 * np.sqrt(degrees / (degrees - 2.0)), degrees)
     assert chi2.sf(9.0, 1) < beyond == pytest.approx(expected, abs=4.0 * np.sqrt(expected / count))
+
+
+@pytest.mark.parametrize(("windows", "least"), [(0, 0.007), (2, 0.004)])
+def test_one_innovation_in_a_hundred_is_unlikely_at_99_percent(windows, least):
+    """Of noise whose factor is drawn from its prior, after so many windows."""
+    rng = np.random.default_rng(1)
+    count, prior = 20_000, 8.0
+    config = IntegrityConfig(variance_prior=prior, variance_memory=1e4)
+    unlikely = 0
+    for true in (prior / rng.chisquare(prior, size=count)).tolist():
+        factor = VarianceFactor(config, window=2.5)
+        for window in range(windows):
+            factor.update(Innovation(true * rng.chisquare(10), 10), 3.0 * window)
+        newest = Innovation(true * rng.chisquare(6), 6)
+        unlikely += factor.is_unlikely(newest, 3.0 * windows, 0.99)
+    # 200 with a deviation of 14; fewer where the factor was found to be below 1, and counts as 1.
+    assert least < unlikely / count < 0.013
+
+
+def test_after_noisy_windows_a_noisy_one_is_not_unlikely():
+    factor = VarianceFactor(CONFIG, window=2.5)
+    noisy = Innovation(900.0, 10)
+    assert factor.is_unlikely(noisy, 1.0, 0.9999)
+    for time in (1.0, 3.0):
+        factor.update(noisy, time)
+    # Of one window it tells nothing yet: both were of it.
+    assert factor.is_unlikely(noisy, 3.2, 0.9999)
+    assert not factor.is_unlikely(noisy, 3.6, 0.9999)
+    assert factor.is_unlikely(Innovation(9000.0, 10), 3.6, 0.9999)
