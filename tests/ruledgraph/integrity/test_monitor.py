@@ -188,6 +188,17 @@ def test_covariances_are_larger_by_the_variance_factor_and_never_smaller(factor)
     assert warnings == []
 
 
+def test_covariances_are_those_of_students_t():
+    """Of 5 degrees of freedom of the noise figures and 10 of an innovation."""
+    window, monitor, _ = run()
+    tell(window, 1.0)
+    window.innovation = Innovation(90.0, 10)
+    monitor.update(window, False)
+    state, own = window.newest.state, window.newest.covariances
+    reported = monitor.covariances(own, state.pose(), state.velocity())
+    np.testing.assert_allclose(reported[1], (5.0 + 90.0) / (15.0 - 2.0) * own[1], rtol=1e-6)
+
+
 def test_what_was_wrong_with_the_position_stays():
     """And of velocity it is forgotten."""
     window, monitor, _ = run()
