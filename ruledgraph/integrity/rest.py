@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import RestConfig
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.frame_history import EARLY, FrameHistory
@@ -60,6 +61,13 @@ class RestDetector:
             return np.inf
         config = self._config
         return self._image_motion(frame.stamp, config.image_motion_px, config.min_lines)
+
+    def is_unmoved(self, since: float, moved: FloatArray) -> bool:
+        """Whether there is nothing to solve for at rest: the image has not moved since a time (s),
+        nor the body, by the IMU since the newest state (`moved`, (3,), m), further than by noise.
+        """
+        by_noise = bool(np.all(np.abs(moved) < 3.0 * self._config.pose_sigma))
+        return by_noise and self.image_motion(since) < self._config.unmoved_px
 
     def image_rests(self) -> bool:
         """Whether the image has rested until the last frame; without frames to compare it may."""

@@ -5,7 +5,6 @@
 from collections.abc import Mapping, Sequence
 
 import gtsam
-import numpy as np
 
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.start import Start
@@ -126,27 +125,17 @@ class TrajectorySegment:
     def advance(self) -> None:
         """Add a state at the last of the frames that follow the newest one, and solve."""
         frames = self._stages.sensors.frames.after(self.window.newest.time)
-        time = frames[-1].time
+        time, solved = frames[-1].time, self.window.solved
         still = self._is_still(time)
-        if still and self._is_idle(time):
+        idle = still and self.confirmed and time - solved < self._idle_interval - EARLY
+        moved = self.state.position() - self.window.newest.state.position()
+        if idle and self._stages.rest.is_unmoved(solved, moved):
             self._extend(frames, still, observe_lines=False)
             self._propagator.reset()
             self.state = self.window.newest.state
         else:
             self._extend(frames, still)
             self._optimize()
-
-    def _is_idle(self, time: float) -> bool:
-        """Whether there is nothing to solve for at rest: for neither the images nor the IMU has
-        anything moved.
-        """
-        solved, rest = self.window.solved, self._config.rest
-        if not self.confirmed or time - solved >= self._idle_interval - EARLY:
-            return False
-        if self._stages.rest.image_motion(solved) >= rest.unmoved_px:
-            return False
-        moved = self.state.position() - self.window.newest.state.position()
-        return bool(np.all(np.abs(moved) < 3.0 * rest.pose_sigma))
 
     def _is_still(self, time: float) -> bool:
         return self._stages.rest.is_still(time, self.window.rests_since)
