@@ -83,11 +83,8 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "integrity/monitor.py",
         "integrity/test_monitor",
         (
-            ("max(1.0, self._variance.mean)", "self._variance.mean"),
-            (
-                "max(self._inflation.factor, self._variance.of_covariances)",
-                "self._inflation.factor",
-            ),
+            ("max(1.0, self._variance.estimate)", "self._variance.estimate"),
+            ("max(1.0, self._variance.of_covariances)", "max(1.0, self._variance.estimate)"),
         ),
     ),
     (
@@ -110,7 +107,6 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("steps**2 / shares[told]", "steps**2"),
             ("found.bias.vector() - predicted.bias.vector()", "np.zeros(6)"),
             ("self._predictions[0]", "self._predictions[-1]"),
-            ("if solved else recent", "if True else recent"),
         ),
     ),
     (
@@ -250,6 +246,11 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "backend/sliding_window.py",
         "backend/test_sliding_window",
         (("np.eye(3) * start.velocity_sigma**2", "np.eye(3) * 1e-6"),),
+    ),
+    (
+        "backend/sliding_window.py",
+        "backend/test_innovation",
+        (("if before.time == self.solved:", "if True:"),),
     ),
     (
         "backend/state_sequence.py",

@@ -48,27 +48,13 @@ class Predictions:
         self._longest = longest
         self._predictions: list[Prediction] = []
 
-    def extend(
-        self,
-        before: StateNode,
-        solved: bool,
-        interval: Interval,
-        time: float,
-        imu: ImuBuffer,
-        noise: ImuNoise,
-    ) -> None:
-        """Go on to a new state.
+    def begin_at(self, node: StateNode) -> None:
+        """Predict from a state on that was solved for."""
+        self._predictions.append(Prediction(node))
 
-        Args:
-            before: the state before it.
-            solved: whether that is an estimate, or a prediction itself.
-            interval: between them.
-            time: of the new state, s.
-            imu: samples that cover the interval.
-            noise: of the IMU.
-        """
-        recent = [p for p in self._predictions if time - p.since <= self._longest]
-        self._predictions = [*recent, Prediction(before)] if solved else recent
+    def carry_on(self, interval: Interval, time: float, imu: ImuBuffer, noise: ImuNoise) -> None:
+        """To a new state, at a time (s), at the end of an interval."""
+        self._predictions = [p for p in self._predictions if time - p.since <= self._longest]
         motion = interval.motion.select([-1])
         for prediction in self._predictions:
             prediction.carry_on(motion, time, imu, noise)

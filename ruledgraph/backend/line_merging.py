@@ -31,6 +31,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import MapConfig
@@ -111,8 +112,6 @@ class _Merging:
     """Places lines in the map one by one."""
 
     def __init__(self, lines: Sequence[LineEstimate], config: MapConfig) -> None:
-        from scipy.special import chdtri  # takes 13 MB, which a run needs at its end only
-
         self._lines = list(lines)
         self._config = config
         self._ends = np.array([line.ends for line in lines]).reshape(-1, 2, 3)

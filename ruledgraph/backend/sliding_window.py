@@ -138,8 +138,9 @@ class Window:
         self._update.factors.add(interval.imu_factors[0])
         add_self_calibration(self._update, interval, latest, self._config)
         self.innovation = None
-        solved = before.time == self.solved
-        self._predictions.extend(before, solved, interval, new.time, imu, self._imu_noise)
+        if before.time == self.solved:
+            self._predictions.begin_at(before)
+        self._predictions.carry_on(interval, new.time, imu, self._imu_noise)
         self._states.append(interval, new)
         self._update.insert(new)
         for factor in rest_factors(self.intervals, new.time, self._config.rest):

@@ -21,9 +21,9 @@ class LinesConfig(Section):
 
     cauchy_scale_px: float = number(0.5, "px", 0.0, 100.0)
     """Scale of the Cauchy loss, with which a start in motion ends, too: offset of the whole line in
-    every frame; 0: quadratic loss, of a start 1 px. It is
-    four and a half standard deviations of an offset (0.11 px), chosen among 0.27, 0.3, 0.5 and 1 px
-    by recordings of `tools/benchmark_recordings.py`."""
+    every frame; 0: quadratic loss, of a start 1 px. It is four and a half standard deviations of an
+    offset (0.11 px), chosen among 0.27, 0.3, 0.5 and 1 px by recordings of
+    `tools/benchmark_recordings.py`."""
     min_sightings: int = number(3, "", 2, 100)
     """Frames that must have seen a line before it is triangulated."""
     max_new_misfit_px: float = number(1.5, "px", 0.01, 100.0)

@@ -22,15 +22,15 @@ def blocks(covariance: FloatArray) -> Covariances:
 
 
 class Innovation(NamedTuple):
-    """How far the images moved a state from where the IMU alone carries the state of one window
-    before, or of the beginning of the motion, if that is later.
+    """How far the images, or a rest, moved a state from where the IMU alone carries the state of
+    one window before, or of the segment's beginning, if that is later.
     """
 
     nis: float
     """Normalised innovation squared: chi-square with `dof` degrees of freedom where the noise
     figures of IMU and edges are right."""
     dof: int
-    """Directions of the state that the images told something of."""
+    """Directions of the state that they told something of."""
 
 
 Status = Literal["tracking", "still", "dead reckoning", "degraded"]
@@ -63,7 +63,7 @@ class Estimate:
     """t_imu - t_cam, s, as of the last state; sigma 0 where it is not estimated."""
     innovation: Innovation | None = None
     """Of a state when it was new; None of other frames, of a segment's first state, of smoothed
-    estimates, and at rest where the window was not solved at the state before."""
+    estimates, and of states at rest that were not solved for."""
 
     @property
     def time(self) -> float:

@@ -139,9 +139,8 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
     except (RuntimeError, np.linalg.LinAlgError):
         return Refusal("too little motion across the lines: the velocity is indeterminate")
     for velocity, covariance in velocities:
-        unknown = _unknown(velocity, covariance, start)
-        if unknown:
-            return Refusal(unknown)
+        if reason := _why_unknown(velocity, covariance, start):
+            return Refusal(reason)
     if any(_is_rival(other, batch, velocities[0][1], start.confidence) for other in best[1:]):
         return Refusal("two motions explain the lines as well as each other")
     lines = {}
@@ -168,18 +167,17 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
     )
 
 
-def _unknown(velocity: FloatArray, covariance: FloatArray, start: StartConfig) -> str:
+def _why_unknown(velocity: FloatArray, covariance: FloatArray, start: StartConfig) -> str:
     """Why a velocity is not known well enough; nothing if it is.
 
-    A scale that is known to a share only is a deviation of the speed by this share: where the speed
-    may as well be none the scale may be any, however small both are. A body that is known to be at
-    rest has no speed.
+    An error of the scale is one of the speed by the same share: where the speed may as well be
+    none, the scale may be anything, however small both are. Of a body at rest none is expected.
     """
     sigma = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
     if not sigma < start.velocity_sigma:
         return f"the velocity is uncertain by {sigma:.2g} m/s: too little motion across the lines"
     speed = float(np.linalg.norm(velocity))
-    along = float(np.sqrt(velocity @ covariance @ velocity)) / speed
+    along = float(np.sqrt(velocity @ covariance @ velocity)) / max(speed, 1e-12)
     sure = NormalDist().inv_cdf(0.5 + 0.5 * start.confidence)
     if along > start.rest_velocity_sigma and speed < sure * along:
         return (

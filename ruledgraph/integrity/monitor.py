@@ -93,7 +93,7 @@ class IntegrityMonitor:
         self._lines.update(window, still)
         if disagreed and not self.disagree:
             self._keep_error(node)
-        self._inflate(node, max(1.0, self._variance.mean))
+        self._inflate(node, max(1.0, self._variance.estimate))
         self._add_to_gauge(self._parallel.update(window, self._inflation.factor))
         self._add_to_gauge(self._rest.update(node.state.position(), node.time, still))
         more = self._inflation.added - (self._inflation.factor - 1.0) * _of_position(node)
@@ -111,7 +111,7 @@ class IntegrityMonitor:
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
     ) -> Covariances:
         """Marginals of a state, inflated by what contradicts them, plus the gauge uncertainty."""
-        factor = max(self._inflation.factor, self._variance.of_covariances)
+        factor = max(1.0, self._variance.of_covariances)
         of_pose, of_velocity, of_bias = (factor * block for block in covariances)
         return self._gauge.added_to((of_pose, of_velocity, of_bias), pose, velocity)
 

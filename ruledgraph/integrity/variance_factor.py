@@ -54,13 +54,13 @@ class VarianceFactor:
         self._newest = _Told(0.0, 0.0, 0.0)
 
     @property
-    def mean(self) -> float:
-        """S^2 as known, without what is unknown of it."""
+    def estimate(self) -> float:
+        """The a posteriori variance factor, one over the mean of 1 / s^2."""
         return (self._prior + self._newest.nis) / (self._prior + self._newest.dof)
 
     @property
     def of_covariances(self) -> float:
-        """That of Student's t."""
+        """The mean of s^2, by which the covariance of Student's t is larger than C."""
         return (self._prior + self._newest.nis) / (self._prior + self._newest.dof - 2.0)
 
     def is_unlikely(self, innovation: Innovation, time: float, confidence: float) -> bool:

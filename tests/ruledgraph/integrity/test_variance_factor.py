@@ -28,7 +28,7 @@ def test_the_newest_window_counts_in_full_and_is_not_counted_twice():
     factor = VarianceFactor(CONFIG, window=2.5)
     for time in np.arange(0.2, 2.4, 0.2).tolist():
         factor.update(Innovation(40.0, 10), time)
-        assert factor.mean == pytest.approx((5.0 + 40.0) / (5.0 + 10.0))
+        assert factor.estimate == pytest.approx((5.0 + 40.0) / (5.0 + 10.0))
         assert factor.of_covariances == pytest.approx((5.0 + 40.0) / (5.0 + 10.0 - 2.0))
 
 
