@@ -85,6 +85,14 @@ def line_angle(
 ) -> tuple[float, FloatArray, FloatArray]:
     """As `line_distance.line_angle_in_numpy`; poses are (4, 4)."""
 
+def triangulate_line(
+    world_T_cams: FloatArray, statistics: FloatArray, sigma: float
+) -> tuple[FloatArray, float, FloatArray, float, int, str]:
+    """As `triangulation.triangulate_line_in_numpy`, from poses (n, 4, 4) and the statistics
+    (n, 3, 3) of `GeometricPoints`: basis and angle of the chart, covariance, rms, which of
+    `triangulation.STATUSES`, and the reason.
+    """
+
 def compress(points: FloatArray, sqrt_weights: FloatArray, counts: IntArray) -> FloatArray:
     """As `observations.compress_in_numpy`."""
 

@@ -12,7 +12,7 @@ views show one plane. Whether they do is a likelihood-ratio test with two degree
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import gtsam
 import numpy as np
@@ -20,6 +20,7 @@ from gtsam import noiseModel
 from numpy.typing import ArrayLike
 
 from ruledgraph_factors.errors import FactorError
+from ruledgraph_factors.kernel import active_kernel, native
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.line_fit import LineMinimum, fit_line
 from ruledgraph_factors.motion import FrameMotion
@@ -33,6 +34,9 @@ LineStatus: TypeAlias = Literal[
     "determined", "no_baseline", "within_plane", "no_parallax", "behind_camera"
 ]
 """Outcome of `triangulate_line`; `LineTriangulation.reason` puts it in a sentence."""
+
+STATUSES: tuple[LineStatus, ...] = get_args(LineStatus)
+"""In the order of the native kernel's."""
 
 # Confidence that the views show more than one plane.
 _CONFIDENCE = 0.999
@@ -112,7 +116,20 @@ def triangulate_line(
         points = GeometricPoints.from_frames(points)
     if points.frames != len(cameras):
         raise FactorError(f"points has {points.frames} views, but world_T_cams has {len(cameras)}")
-    views = _Views(cameras, points, 1.0 / positive_number("sigma", sigma) ** 2)
+    points.image_line(0)  # raises where there is none
+    sigma = positive_number("sigma", sigma)
+    if active_kernel() == "numpy":
+        return triangulate_line_in_numpy(cameras, points, sigma)
+    poses = np.array([camera.matrix() for camera in cameras])
+    basis, angle, *rest, status, reason = native.triangulate_line(poses, points.statistics, sigma)
+    return LineTriangulation(LineChart(cameras[0], basis, angle), *rest, STATUSES[status], reason)
+
+
+def triangulate_line_in_numpy(
+    world_T_cams: Sequence[gtsam.Pose3], points: GeometricPoints, sigma: float
+) -> LineTriangulation:
+    """The reference of `_native.triangulate_line`."""
+    views = _Views(world_T_cams, points, 1.0 / sigma**2)
     fit = views.fit()
     chart, by_delta = views.chart.recentred(fit.delta)
     squares = fit.cost - float(_PRIOR @ fit.delta**2)

@@ -7,6 +7,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
 #include <cstdint>
@@ -21,6 +22,7 @@
 #include "ruledgraph/line_fit.hpp"
 #include "ruledgraph/preintegration.hpp"
 #include "ruledgraph/ruled_surface.hpp"
+#include "ruledgraph/triangulation.hpp"
 
 namespace nb = nanobind;
 
@@ -134,14 +136,18 @@ struct RuledSurface {
 using GeometricSurface = RuledSurface<GeometricPoints>;
 using ReprojectionSurface = RuledSurface<ReprojectionPoints>;
 
-GeometricSurface* make_geometric(const Geometry& geometry,
-                                 Rows<const double, -1, 3, 3> statistics) {
-  require(statistics.shape(0) == geometry.frames(), "statistics: not one for each frame");
+GeometricPoints geometric_points(Rows<const double, -1, 3, 3> statistics) {
   GeometricPoints points;
   for (std::size_t i = 0; i < statistics.shape(0); ++i) {
     points.statistics.push_back(RowMajorMap<3, 3>(statistics.data() + 9 * i));
   }
-  return new GeometricSurface{geometry, std::move(points)};
+  return points;
+}
+
+GeometricSurface* make_geometric(const Geometry& geometry,
+                                 Rows<const double, -1, 3, 3> statistics) {
+  require(statistics.shape(0) == geometry.frames(), "statistics: not one for each frame");
+  return new GeometricSurface{geometry, geometric_points(statistics)};
 }
 
 ReprojectionSurface* make_reprojection(const Geometry& geometry, Rows<const double, -1, 2> points,
@@ -236,6 +242,18 @@ nb::tuple angle_of_line(const Matrix4d& world_T_anchor, const Matrix3& basis, do
   return nb::make_tuple(phi.value, phi.pose, phi.line);
 }
 
+nb::tuple triangulate(Rows<const double, -1, 4, 4> world_T_cams,
+                      Rows<const double, -1, 3, 3> statistics, double sigma) {
+  std::vector<Pose> cameras;
+  for (std::size_t i = 0; i < world_T_cams.shape(0); ++i) {
+    const RowMajorMap<4, 4> camera(world_T_cams.data() + 16 * i);
+    cameras.push_back({camera.topLeftCorner<3, 3>(), camera.topRightCorner<3, 1>()});
+  }
+  const LineTriangulation found = triangulate_line(cameras, geometric_points(statistics), sigma);
+  return nb::make_tuple(found.chart.basis, found.chart.angle, found.covariance, found.rms,
+                        static_cast<int>(found.status), found.reason);
+}
+
 template <typename Surface>
 nb::class_<Surface> bind_surface(nb::module_& module, const char* name) {
   return nb::class_<Surface>(module, name)
@@ -264,6 +282,8 @@ NB_MODULE(_native, module) {
              nb::arg("angle"), nb::arg("delta"));
   module.def("line_angle", &angle_of_line, nb::arg("world_T_anchor"), nb::arg("basis"),
              nb::arg("angle"), nb::arg("delta"), nb::arg("world_T_body"));
+  module.def("triangulate_line", &triangulate, nb::arg("world_T_cams"), nb::arg("statistics"),
+             nb::arg("sigma"));
   module.def("compress", &compress_frames, nb::arg("points"), nb::arg("sqrt_weights"),
              nb::arg("counts"));
   module.def("segments", &segments, nb::arg("times"), nb::arg("force"), nb::arg("rate"),

@@ -10,6 +10,7 @@ from ruledgraph_factors import (
     FactorError,
     GeometricPoints,
     LineTriangulation,
+    kernel,
     triangulate_line,
 )
 
@@ -173,3 +174,25 @@ def test_wrong_arguments_are_named() -> None:
         triangulate_line([cameras[0], np.eye(4)], points, SIGMA)
     with pytest.raises(FactorError, match=r"points\[0\] all coincide"):
         triangulate_line(cameras, [np.full((5, 2), 0.1), points[1]], SIGMA)
+
+
+@pytest.mark.skipif(kernel.native is None, reason="the native kernel was not built")
+@pytest.mark.parametrize("reach", [0.0, 0.02, 0.5])
+def test_the_kernels_agree(reach: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Far within the deviations: linear solutions and last steps are rounded differently."""
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        ends = random_segment(rng)
+        cameras, points, _ = views(rng, sideways(rng, 2 + seed, reach), ends, SIGMA)
+        monkeypatch.setenv("RULEDGRAPH_KERNEL", "native")
+        native = triangulate_line(cameras, points, SIGMA)
+        monkeypatch.setenv("RULEDGRAPH_KERNEL", "numpy")
+        numpy = triangulate_line(cameras, points, SIGMA)
+        assert (native.status, native.reason) == (numpy.status, numpy.reason)
+        apart = numpy.chart.local(*np.split(native.chart.plucker(np.zeros(4))[0], 2))
+        deviations = np.sqrt(np.diag(numpy.covariance))
+        assert np.all(np.abs(apart) < 1e-4 * deviations), seed
+        # The two may give the line opposite directions, and coordinates opposite signs.
+        differs = np.abs(native.covariance) - np.abs(numpy.covariance)
+        assert np.all(np.abs(differs) < 1e-4 * np.outer(deviations, deviations)), seed
+        assert native.rms == pytest.approx(numpy.rms, rel=1e-6)
