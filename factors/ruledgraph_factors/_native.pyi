@@ -6,6 +6,8 @@ All arrays are float64 and, where they have rows, C-contiguous. Sizes that do no
 ValueError; types and shapes that do not fit the signature raise TypeError.
 """
 
+from collections.abc import Sequence
+
 from ruledgraph_factors.validation import FloatArray, IntArray
 
 class Geometry:
@@ -91,6 +93,28 @@ def triangulate_line(
     """As `triangulation.triangulate_line_in_numpy`, from poses (n, 4, 4) and the statistics
     (n, 3, 3) of `GeometricPoints`: basis and angle of the chart, covariance, rms, which of
     `triangulation.STATUSES`, and the reason.
+    """
+
+def robust_lines(
+    surfaces: Sequence[_Surface],
+    precision: float,
+    chunk: int,
+    scales: FloatArray,
+    world_T_body: FloatArray,
+    velocity: FloatArray,
+    bias: FloatArray,
+    gravity: FloatArray,
+    time_shift: float,
+    lines: FloatArray,
+    losses: FloatArray,
+    information: FloatArray | None,
+    gradient: FloatArray | None,
+) -> None:
+    """Write what `robust_lines.RobustLines` says of N lines at deltas (N, 4): losses (N,) and,
+    unless None, information (N, n, n) and gradient (N, n).
+
+    `surfaces` are `GeometricSurface`; `scales` are those of all chunks, line after line;
+    `precision` is one over sigma.
     """
 
 def compress(points: FloatArray, sqrt_weights: FloatArray, counts: IntArray) -> FloatArray:

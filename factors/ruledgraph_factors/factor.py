@@ -45,20 +45,6 @@ class RuledSurfaceFactor(SpecFactor):
         super().__init__(spec, function)
         self.evaluate: Evaluate = evaluation(spec, function.write)
         """The residual, and its Jacobian if asked for, at any state, without a graph."""
-        self._error = function.error
-
-    def residual(self, values: gtsam.Values, H: list[FloatArray] | None = None) -> FloatArray:
-        """The residual (rows,), unwhitened, for factors made of this one.
-
-        Args:
-            values: of its keys.
-            H: if given, a list with a place for each key, filled with the Jacobians (rows, tangent
-                size of the key); they hold until the next call.
-
-        Raises:
-            FactorError: when a key holds a vector of the wrong size.
-        """
-        return self._error(list(self.spec.keys), values, H)
 
 
 class _Buffer(NamedTuple):

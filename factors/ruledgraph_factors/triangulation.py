@@ -121,8 +121,10 @@ def triangulate_line(
     if active_kernel() == "numpy":
         return triangulate_line_in_numpy(cameras, points, sigma)
     poses = np.array([camera.matrix() for camera in cameras])
-    basis, angle, *rest, status, reason = native.triangulate_line(poses, points.statistics, sigma)
-    return LineTriangulation(LineChart(cameras[0], basis, angle), *rest, STATUSES[status], reason)
+    found = native.triangulate_line(poses, points.statistics, sigma)
+    basis, angle, covariance, rms, status, reason = found
+    chart = LineChart(cameras[0], basis, angle)
+    return LineTriangulation(chart, covariance, rms, STATUSES[status], reason)
 
 
 def triangulate_line_in_numpy(

@@ -4,6 +4,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import gtsam
@@ -12,7 +13,7 @@ from ruledgraph.backend.line_factors import compressed_points
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack, Sighting
-from ruledgraph_factors import FrameMotion, ImuSamples, preintegrate_frames
+from ruledgraph_factors import FrameMotion, GeometricPoints, ImuSamples, preintegrate_frames
 from ruledgraph_factors.closed_form import Planes
 
 
@@ -41,6 +42,11 @@ class FirstWindow:
         """Standard deviation of a point, normalised units."""
         return self.config.start.sigma_px / self.calibration.camera.focal_length
 
+    @cached_property
+    def points(self) -> list[GeometricPoints]:
+        """Of its lines."""
+        return [compressed_points(line.sightings) for line in self.seen]
+
     def motion(self, bias: gtsam.imuBias.ConstantBias, with_time: bool = False) -> FrameMotion:
         """From its start to all its frames, integrated with a bias of the IMU."""
         return preintegrate_frames(self.samples, self.times[0], self.times, bias, with_time)
@@ -49,6 +55,6 @@ class FirstWindow:
         """That its lines span with the camera."""
         body_R_cam = self.calibration.body_T_cam.rotation().matrix()
         return [
-            Planes.of(line.frames, compressed_points(line.sightings), body_R_cam, self.sigma)
-            for line in self.seen
+            Planes.of(line.frames, points, body_R_cam, self.sigma)
+            for line, points in zip(self.seen, self.points, strict=True)
         ]

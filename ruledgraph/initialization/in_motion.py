@@ -121,7 +121,7 @@ def _followed(window: FirstWindow, begin: Callable[[], InitialValues]) -> Batch 
             batch.solve(cauchy)
         for cauchy in (_BETWEEN, last or _BETWEEN):
             batch.solve(cauchy)
-    except (RuntimeError, FactorError, np.linalg.LinAlgError):
+    except (FactorError, np.linalg.LinAlgError):
         return None
     return batch
 
@@ -136,7 +136,7 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
         return Refusal(f"only {100 * (1 - outliers):.0f} % of the lines fit a common motion")
     try:
         velocities = batch.velocities()
-    except (RuntimeError, np.linalg.LinAlgError):
+    except np.linalg.LinAlgError:
         return Refusal("too little motion across the lines: the velocity is indeterminate")
     for velocity, covariance in velocities:
         if reason := _why_unknown(velocity, covariance, start):
