@@ -83,6 +83,10 @@ class TracksConfig(Section):
     """The same of Sobel pixels, which take in parts of neighbouring edges."""
     fresh_sigma_px: float = number(4.0, "px", 0.5, 50.0)
     """Standard deviation across itself of the predicted ruling of a new track."""
+    flow_reach: float = number(0.2, "", 0.01, 10.0)
+    """How far the motions of two tracks have to do with each other, as a share of the image ..."""
+    flow_noise: float = number(0.3, "", 0.0, 10.0)
+    """... and how much of it differs with the distance of things beside each other, as a share."""
     min_sigma_px: float = number(2.0, "px", 0.1, 50.0)
     """Least deviation of a ruling predicted from the track alone."""
     max_sigma_px: float = number(6.0, "px", 0.5, 50.0)

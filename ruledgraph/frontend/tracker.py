@@ -18,6 +18,7 @@ from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph.frontend.duplicates import duplicates, first_of_duplicates
 from ruledgraph.frontend.edge_batch import Edges, Rulings, clipped, search_all, stacked
 from ruledgraph.frontend.edge_search import normal_of, scaled_to
+from ruledgraph.frontend.flow_prediction import expected_rates
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.image_motion import image_motion
 from ruledgraph.frontend.rolling_edges import (
@@ -47,6 +48,7 @@ class Tracker:
         self._config = config
         max_rms = {"maxima": config.max_rms_px, "sobel": config.max_rms_sobel_px}
         self._max_rms = max_rms[edges.points]
+        self._time = self._elapsed = 0.0
         self._starter = TrackStarter(camera, edges, config, self._max_rms)
         corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
         rim = np.concatenate([corners, [[0.5, 0.0], [0.5, 1.0], [0.0, 0.5], [1.0, 0.5]]])
@@ -73,6 +75,7 @@ class Tracker:
         Returns:
             Those that were found.
         """
+        self._elapsed, self._time = time - self._time, time
         ends, in_view = clipped(rulings.ends, self._low, self._high)
         rulings = rulings._replace(ends=ends).part(in_view)
         if row_moves is not None:
@@ -226,4 +229,18 @@ class Tracker:
         if len(self.tracks) < self._edges.max_lines:
             started, edges = self._starter.start(time, segments, gradient, self.tracks, rows)
             self._sight(stamp, started, edges)
+            self._expect(started)
             self.tracks += started
+
+    def _expect(self, started: Sequence[Track]) -> None:
+        """How new tracks will move, by those whose motion was seen."""
+        followed = [track for track in self.tracks if track.misses == 0 and any(track.rates)]
+        if not started or not followed or self._elapsed <= 0.0:
+            return
+        config, focal = self._config, self._camera.focal_length
+        reach = config.flow_reach * self._camera.width / focal
+        rates, deviations = expected_rates(started, followed, reach, config)
+        for track, (first, second), sigmas in zip(started, rates.tolist(), deviations, strict=True):
+            track.rates = first, second
+            sigma = float(np.hypot(config.min_sigma_px, self._elapsed * sigmas.max()))
+            track.sigma = min(sigma, config.max_predicted_sigma_px)

@@ -198,3 +198,23 @@ def test_every_track_needs_its_ruling():
     assert started(tracker, gradient, LEVEL, STEEP) == [1, 2]
     with pytest.raises(ValueError, match="shorter"):
         tracker.track(1, 0.05, gradient, where_they_are(tracker).part([0]))
+
+
+def test_a_new_track_is_expected_to_move_as_those_around_it():
+    """By 20 px a frame, further than a new line is searched for where nothing is known."""
+    step = np.array([20.0 / CAMERA.focal_length, 0.0])
+    lines = [STEEP, STEEP - [0.2, 0.0], STEEP + [0.1, 0.0]]
+    at = [[ends + i * step for ends in lines] for i in range(5)]
+    tracker = Tracker(CAMERA, EdgesConfig(), TracksConfig())
+    started(tracker, scene(*at[0]), *at[0][:2])
+    for i in range(1, 4):
+        rulings = by_rotation(tracker.tracks, np.eye(3), 0.05, CAMERA.focal_length)
+        wide = np.full_like(rulings.sigmas, 8.0)
+        tracker.track(i, 0.05 * i, scene(*at[i]), rulings._replace(sigmas=wide))
+    (new,) = started(tracker, scene(*at[3]), at[3][2])
+    rulings = by_rotation(tracker.tracks, np.eye(3), 0.05, CAMERA.focal_length)
+    expected = rulings.ends[[track.number for track in tracker.tracks].index(new)]
+    off = line_through(*at[4][2]) @ np.column_stack([expected, np.ones(2)]).T
+    assert np.abs(off).max() * CAMERA.focal_length < 10.0
+    found = tracker.track(4, 0.2, scene(*at[4]), rulings)
+    assert new in [track.number for track in found]
