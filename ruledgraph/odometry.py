@@ -35,7 +35,7 @@ class Odometry(Output):
         self.config = config = (config or Config()).for_time_offset(calibration.time_offset_exact)
         self._stages = Stages.build(calibration, config, self)
         self._segments = SegmentSequence(calibration, config, self._stages)
-        self._kept = max(config.start.window, config.window.lag) + _SPARE
+        self._kept = config.window.lag + _SPARE
 
     @property
     def status(self) -> str:

@@ -19,12 +19,12 @@ from ruledgraph.backend.line_factors import (
     new_line_factors,
     observation,
 )
+from ruledgraph.backend.start import InitialLine
 from ruledgraph.backend.states import Interval
-from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import LinesConfig
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.line_observations import LineTrack, Sighting
-from ruledgraph_factors import FactorError, LineChart, same_line_factor, triangulate_line
+from ruledgraph_factors import FactorError, same_line_factor, triangulate_line
 
 
 class ImpossibleLineError(RuledgraphError):
@@ -53,7 +53,7 @@ class LineGraphBuilder:
         self,
         model: EdgeModel,
         config: LinesConfig,
-        initial_lines: Mapping[int, tuple[LineChart, FloatArray]],
+        initial_lines: Mapping[int, InitialLine],
     ) -> None:
         self._model = model
         self._config = config
@@ -98,26 +98,24 @@ class LineGraphBuilder:
         seen = [part for part in seen if part.frames]
         if not seen:
             return None
-        line_values = self._initial_lines.pop(track.id, None) or self._triangulated(seen)
-        if line_values is None:
+        initial = self._initial_lines.pop(track.id, None) or self._triangulated(seen)
+        if initial is None:
             return None
-        chart, delta = line_values
-        unseen, in_plane = self._config.new_unseen_variance, self._config.new_seen_variance
         first = seen[0]
         line = Landmark(
             id=track.id,
             key=L(self._keys_so_far),
-            chart=chart,
-            delta=delta,
+            chart=initial.chart,
+            delta=initial.delta,
             in_view=track.in_view,
-            linearized=delta,
-            covariance=np.diag(np.repeat([unseen, in_plane], 2)),
+            linearized=initial.delta,
+            covariance=initial.covariance,
             first_stamp=first.interval.stamps[first.frames[0]],
             last_stamp=0,
             last_time=now,
         )
         self._keys_so_far += 1
-        update.values.insert(line.key, delta)
+        update.values.insert(line.key, line.delta)
         for interval, index, sightings in seen:
             self.observe(interval, line, index, sightings, now, update)
         of_first = first.interval.observations[-1]
@@ -125,7 +123,7 @@ class LineGraphBuilder:
             update.factors.add(factor)
         return line
 
-    def _triangulated(self, seen: Sequence[_Seen]) -> tuple[LineChart, FloatArray] | None:
+    def _triangulated(self, seen: Sequence[_Seen]) -> InitialLine | None:
         if sum(len(part.frames) for part in seen) < self._config.min_sightings:
             return None
         cameras: list[gtsam.Pose3] = []
@@ -144,7 +142,7 @@ class LineGraphBuilder:
         behind = inverse < -self._config.behind_sigmas * sigma
         if behind or inverse > 1.0 / self._config.min_distance:
             raise ImpossibleLineError(f"one over its distance is {inverse:.2g} 1/m")
-        return fit.chart, np.zeros(4)
+        return InitialLine(fit.chart, np.zeros(4), fit.covariance)
 
     def reanchor(self, line: Landmark, update: GraphUpdate) -> None:
         """A new chart at the current estimate, under a new key, with a factor to the old one.

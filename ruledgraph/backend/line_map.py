@@ -18,12 +18,11 @@ from ruledgraph.backend.landmarks import Landmark, record_extent
 from ruledgraph.backend.line_factors import EdgeModel
 from ruledgraph.backend.line_fit import line_fit
 from ruledgraph.backend.line_graph_builder import ImpossibleLineError, LineGraphBuilder
+from ruledgraph.backend.start import InitialLine
 from ruledgraph.backend.states import Interval
 from ruledgraph.calibration.sensors import Calibration
-from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack
-from ruledgraph_factors import LineChart
 
 
 class LineMap:
@@ -39,7 +38,7 @@ class LineMap:
         self,
         calibration: Calibration,
         config: Config,
-        initial_lines: Mapping[int, tuple[LineChart, FloatArray]],
+        initial_lines: Mapping[int, InitialLine],
     ) -> None:
         self.lines: dict[int, Landmark] = {}
         """By their ids."""

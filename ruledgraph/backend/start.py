@@ -3,12 +3,23 @@
 """What a window begins with."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import gtsam
 
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph_factors import LineChart
+
+
+class InitialLine(NamedTuple):
+    """What is known of a line when it enters."""
+
+    chart: LineChart
+    delta: FloatArray
+    """(4,)."""
+    covariance: FloatArray
+    """Of delta, (4, 4), the states being known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +34,7 @@ class Start:
     pose_covariance: FloatArray
     velocity_sigma: float
     bias_sigmas: FloatArray
-    lines: dict[int, tuple[LineChart, FloatArray]]
+    lines: dict[int, InitialLine]
     """Of tracks by number: what is known of them already."""
     time_offset: TimeOffset | None = None
     """Beyond the frames' times; None: not to be estimated."""
@@ -32,8 +43,9 @@ class Start:
         """The same start in another world: turned about the vertical and shifted, `by` a pose."""
         pose = by.compose(self.state.pose())
         velocity = by.rotation().rotate(self.state.velocity())
-        lines = {
-            number: (LineChart(by.compose(chart.world_T_anchor), chart.basis, chart.angle), delta)
-            for number, (chart, delta) in self.lines.items()
-        }
+        lines = {}
+        for number, line in self.lines.items():
+            anchor = by.compose(line.chart.world_T_anchor)
+            chart = LineChart(anchor, line.chart.basis, line.chart.angle)
+            lines[number] = line._replace(chart=chart)
         return replace(self, state=gtsam.NavState(pose, velocity), lines=lines)

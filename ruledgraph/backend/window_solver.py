@@ -78,25 +78,24 @@ class WindowSolver:
         self.has_failed = True
 
     def _read_covariances(self) -> None:
-        self.read_covariance(self._states.newest)
-        if self._states.intervals:
-            self._read_self_calibration(self._states.intervals[-1])
-        self._line_map.read_covariances(self._smoother, self._states.newest.time)
+        intervals, newest = self._states.intervals, self._states.newest
+        self.read_covariance(newest, intervals[-1] if intervals else None)
+        self._line_map.read_covariances(self._smoother, newest.time)
 
-    def _read_self_calibration(self, interval: Interval) -> None:
-        offset, extrinsics = interval.time_offset, interval.extrinsics
-        if offset is not None:
-            variance = self._smoother.covariance(offset.key)
-            if variance is not None:
-                offset.sigma = float(np.sqrt(variance[0, 0]))
-        if extrinsics is not None:
-            covariance = self._smoother.covariance(extrinsics.key)
-            if covariance is not None:
-                extrinsics.covariance = covariance
-
-    def read_covariance(self, node: StateNode) -> None:
-        """Of a state, by the smoother's present estimate."""
-        keys = X(node.index), V(node.index), B(node.index)
+    def read_covariance(self, node: StateNode, interval: Interval | None = None) -> None:
+        """Of a state, and of an interval's variables of the camera, by the smoother's present
+        estimate.
+        """
+        offset = None if interval is None else interval.time_offset
+        extrinsics = None if interval is None else interval.extrinsics
+        of_camera = [part.key for part in (offset, extrinsics) if part is not None]
+        # All together: most of the time goes into what they have in common.
+        keys = X(node.index), V(node.index), B(node.index), *of_camera
         covariance = self._smoother.joint_covariance(keys)
-        if covariance is not None:
-            node.covariance = covariance
+        if covariance is None:
+            return
+        node.covariance = covariance[:15, :15]
+        if offset is not None:
+            offset.sigma = float(np.sqrt(covariance[15, 15]))
+        if extrinsics is not None:
+            extrinsics.covariance = covariance[-6:, -6:]

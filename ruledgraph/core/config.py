@@ -38,10 +38,6 @@ class LinesConfig(Section):
     """A line whose inverse distance is so many standard deviations below zero is rejected."""
     reanchor_change: float = number(0.1, "", 1e-6, 1e3)
     """A line moved so far (chart coordinates, rad) from its linearisation gets a new variable."""
-    new_unseen_variance: float = number(0.1, "rad^2", 1e-6, 100.0)
-    """Variance of a new line's inverse distance and turn until the smoother says it."""
-    new_seen_variance: float = number(2.5e-4, "rad^2", 1e-9, 1.0)
-    """Variance of a new line's interpretation plane until the smoother says it."""
     new_plane_sigma: float = number(0.05, "rad", 1e-4, 1.0)
     """Deviation of a new line's points in the loose factor that holds its plane."""
     prior_distance: float = number(3.0, "m", 0.01, 1e4)
@@ -97,11 +93,9 @@ class StartConfig(Section):
 
     between_attempts: float = number(0.25, "s", 0.01, 10.0)
     """Time between two attempts."""
-    window: float = number(1.25, "s", 0.4, 10.0)
-    """Longest first window of a start in motion; no longer than the smoother's lag."""
     shortest: float = number(0.9, "s", 0.2, 10.0)
-    """Shortest first window: in less time a wrong motion explains the lines too often. Where
-    `window` is less, that counts."""
+    """Shortest first window of a start in motion: in less time a wrong motion explains the lines
+    too often. The longest is the smoother's lag, and where that is less, it counts."""
     velocity_sigma: float = number(0.08, "m/s", 1e-3, 1.0)
     """Accepted standard deviation of the velocity at both ends, gravity and biases being unknown:
     a few percent of a walk, and so of the scale."""

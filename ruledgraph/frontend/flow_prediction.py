@@ -15,10 +15,32 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import TracksConfig
 from ruledgraph.frontend.edge_search import normal_of
 from ruledgraph.frontend.track import Track
+
+
+def expect_motion(
+    started: Sequence[Track],
+    tracks: Sequence[Track],
+    elapsed: float,
+    camera: CameraModel,
+    config: TracksConfig,
+) -> None:
+    """Give new tracks the rates and deviations that those whose motion was seen suggest, if there
+    are any; `elapsed` is the time between frames, s.
+    """
+    followed = [track for track in tracks if track.misses == 0 and any(track.rates)]
+    if not started or not followed:
+        return
+    reach = config.flow_reach * camera.width / camera.focal_length
+    rates, deviations = expected_rates(started, followed, reach, config)
+    for track, (first, second), sigmas in zip(started, rates.tolist(), deviations, strict=True):
+        track.rates = first, second
+        sigma = float(np.hypot(config.min_sigma_px, elapsed * sigmas.max()))
+        track.sigma = min(sigma, config.max_predicted_sigma_px)
 
 
 def expected_rates(

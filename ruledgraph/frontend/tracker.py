@@ -18,7 +18,7 @@ from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph.frontend.duplicates import duplicates, first_of_duplicates
 from ruledgraph.frontend.edge_batch import Edges, Rulings, clipped, search_all, stacked
 from ruledgraph.frontend.edge_search import normal_of, scaled_to
-from ruledgraph.frontend.flow_prediction import expected_rates
+from ruledgraph.frontend.flow_prediction import expect_motion
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.image_motion import image_motion
 from ruledgraph.frontend.rolling_edges import (
@@ -229,18 +229,5 @@ class Tracker:
         if len(self.tracks) < self._edges.max_lines:
             started, edges = self._starter.start(time, segments, gradient, self.tracks, rows)
             self._sight(stamp, started, edges)
-            self._expect(started)
+            expect_motion(started, self.tracks, self._elapsed, self._camera, self._config)
             self.tracks += started
-
-    def _expect(self, started: Sequence[Track]) -> None:
-        """How new tracks will move, by those whose motion was seen."""
-        followed = [track for track in self.tracks if track.misses == 0 and any(track.rates)]
-        if not started or not followed or self._elapsed <= 0.0:
-            return
-        config, focal = self._config, self._camera.focal_length
-        reach = config.flow_reach * self._camera.width / focal
-        rates, deviations = expected_rates(started, followed, reach, config)
-        for track, (first, second), sigmas in zip(started, rates.tolist(), deviations, strict=True):
-            track.rates = first, second
-            sigma = float(np.hypot(config.min_sigma_px, self._elapsed * sigmas.max()))
-            track.sigma = min(sigma, config.max_predicted_sigma_px)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 
+from ruledgraph.backend.start import InitialLine
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.initialization.batch_problem import (
     BIAS,
@@ -20,7 +21,7 @@ from ruledgraph.initialization.first_window import FirstWindow
 from ruledgraph.initialization.initial_values import InitialValues
 from ruledgraph.initialization.levenberg_marquardt import minimized
 from ruledgraph.initialization.prior import unknown_offset
-from ruledgraph_factors import FactorError, LineChart, triangulate_line
+from ruledgraph_factors import FactorError, triangulate_line
 
 # A line is replaced by one that is triangulated anew when its error falls by more.
 _BETTER = 1.0
@@ -83,9 +84,15 @@ class Batch:
         state = self._at.state
         return float(state.atDouble(TIME)) if state.exists(TIME) else 0.0
 
-    def line(self, i: int) -> tuple[LineChart, FloatArray]:
-        """Chart and delta of a line."""
-        return self._charts[i], self._at.deltas[i]
+    def lines(self) -> list[InitialLine]:
+        """All of them.
+
+        Raises:
+            numpy.linalg.LinAlgError: when one is indeterminate.
+        """
+        covariances = self._problem.linearize(self._at).line_covariances()
+        each = zip(self._charts, self._at.deltas, covariances, strict=True)
+        return [InitialLine(*line) for line in each]
 
     # -- solving ---------------------------------------------------------------------------------
 

@@ -63,6 +63,15 @@ class BorderedSystem(NamedTuple):
     def _state_gradient(self) -> FloatArray:
         return np.asarray(self.gradient + self.gradients[:, : len(self.gradient)].sum(axis=0))
 
+    def line_covariances(self) -> FloatArray:
+        """Of each line's coordinates, the state being known, (N, 4, 4).
+
+        Raises:
+            numpy.linalg.LinAlgError: when one is indeterminate.
+        """
+        n = len(self.information)
+        return np.asarray(np.linalg.inv(self.of_lines[:, n:, n:]))
+
     def state_covariance(self, fixed: int = 0) -> FloatArray:
         """Of the state at the solution, by the noise model and by how much the lines disagree.
 

@@ -144,10 +144,9 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
     if any(_is_rival(other, batch, velocities[0][1], start.confidence) for other in best[1:]):
         return Refusal("two motions explain the lines as well as each other")
     lines = {}
-    for i, (track, _, _) in enumerate(window.seen):
-        chart, delta = batch.line(i)
-        if np.mean(fits[i]) > 0.5 and chart.inverse_distance(delta)[0] > 0.0:
-            lines[track.id] = chart, delta
+    for seen, line, fit in zip(window.seen, batch.lines(), fits, strict=True):
+        if np.mean(fit) > 0.5 and line.chart.inverse_distance(line.delta)[0] > 0.0:
+            lines[seen.track.id] = line
     if len(lines) < _FEWEST_LINES:
         return Refusal(f"{len(lines)} lines come out in front of the camera")
     offset = unknown_offset(config)

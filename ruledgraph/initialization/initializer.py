@@ -90,6 +90,7 @@ class Initializer:
         if offset is not None and abs(offset.value) > most and not retimed:
             self.retime(offset.value)
             self._retimed = True
+            self._try_longest = not self._try_longest  # as long a window again
             return None
         self.refusal = ""
         frames = [frame for frame in self._sensors.frames if frame.stamp >= found.stamp]
@@ -104,11 +105,10 @@ class Initializer:
         """Tried in turn over the longest window that there is and the shortest: the longer one
         holds more information, in the shorter one fewer lines were lost.
         """
-        start = self._config.start
-        longest = min(start.window, self._config.window.lag)
+        longest = self._config.window.lag
         imu, frames = self._sensors.imu, self._sensors.frames
         available = now.time - frames.first.time
-        shortest = min(start.shortest, longest)
+        shortest = min(self._config.start.shortest, longest)
         if available < shortest - EARLY:
             return None
         length = min(longest, available) if self._try_longest else shortest

@@ -127,7 +127,7 @@ def test_dogleg_steps_take_over_in_the_middle_of_a_rest(monkeypatch, solved):
 @takes_over
 def test_an_indeterminate_system_is_solved_by_dogleg_steps_and_nothing_is_lost(monkeypatch):
     made = ideal_tracks(3, hand_held(np.random.default_rng(3)))
-    short = ["window.lag=0.6", "window.state_interval=0.1", "start.window=0.5"]
+    short = ["window.lag=0.6", "window.state_interval=0.1"]
     # So that there are marginals to take over, and that it is fast again soon.
     config = load_config(None, [*short, "window.dogleg_updates=3"])
     plain, _ = run_window(made, config)

@@ -99,5 +99,5 @@ def test_wrong_files_are_named(tmp_path, text, message):
 
 
 def test_settings_that_bound_each_other_come_in_any_order():
-    settings = ["window.lag=0.6", "window.state_interval=0.1", "start.window=0.5"]
+    settings = ["window.lag=0.6", "window.state_interval=0.1"]
     assert load_config(None, settings) == load_config(None, settings[::-1])

@@ -203,7 +203,7 @@ def test_every_track_needs_its_ruling():
 def test_a_new_track_is_expected_to_move_as_those_around_it():
     """By 20 px a frame, further than a new line is searched for where nothing is known."""
     step = np.array([20.0 / CAMERA.focal_length, 0.0])
-    lines = [STEEP, STEEP - [0.2, 0.0], STEEP + [0.1, 0.0]]
+    lines = [STEEP, STEEP - np.array([0.2, 0.0]), STEEP + np.array([0.1, 0.0])]
     at = [[ends + i * step for ends in lines] for i in range(5)]
     tracker = Tracker(CAMERA, EdgesConfig(), TracksConfig())
     started(tracker, scene(*at[0]), *at[0][:2])

@@ -85,6 +85,15 @@ def test_variables_that_count_as_known_are_not_in_it():
     np.testing.assert_allclose(known, np.linalg.inv(information), rtol=1e-9)
 
 
+def test_a_lines_covariance_is_that_with_the_state_known():
+    problem = Problem(np.random.default_rng(5))
+    for i, covariance in enumerate(problem.system().line_covariances()):
+        own = slice(STATE + OWN * i, STATE + OWN * (i + 1))
+        np.testing.assert_allclose(
+            covariance, np.linalg.inv(problem.information[own, own]), rtol=1e-9
+        )
+
+
 def test_a_state_that_nothing_fixes_is_an_error():
     nothing = np.zeros((0, STATE + OWN, STATE + OWN)), np.zeros((0, STATE + OWN))
     system = BorderedSystem(np.diag([1.0, 1.0, 0.0]), np.zeros(STATE), *nothing)
