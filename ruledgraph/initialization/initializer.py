@@ -58,7 +58,6 @@ class Initializer:
         self._retimed = False
         self.refusal = ""
         """Why the last attempt failed."""
-        self._try_longest = True
 
     def wait_from(self, time: float) -> None:
         """Count the time to the next attempt from here, s."""
@@ -90,7 +89,6 @@ class Initializer:
         if offset is not None and abs(offset.value) > most and not retimed:
             self.retime(offset.value)
             self._retimed = True
-            self._try_longest = not self._try_longest  # as long a window again
             return None
         self.refusal = ""
         frames = [frame for frame in self._sensors.frames if frame.stamp >= found.stamp]
@@ -102,8 +100,8 @@ class Initializer:
         return start_at_rest(self._sensors.imu, now.stamp, since, now.time, self._config)
 
     def _in_motion(self, now: FrameTime) -> Start | Refusal | None:
-        """Tried in turn over the longest window that there is and the shortest: the longer one
-        holds more information, in the shorter one fewer lines were lost.
+        """Over the longest window that there is, which holds more information, or else over the
+        shortest, in which fewer lines were lost.
         """
         longest = self._config.window.lag
         imu, frames = self._sensors.imu, self._sensors.frames
@@ -111,15 +109,21 @@ class Initializer:
         shortest = min(self._config.start.shortest, longest)
         if available < shortest - EARLY:
             return None
-        length = min(longest, available) if self._try_longest else shortest
-        self._try_longest = not self._try_longest
-        if imu.unreliable(now.time - length, now.time):
-            return None
-        self._last_attempt = now.time
-        used = frames.since(now.time - length)
-        stamps, times = [f.stamp for f in used], [f.time for f in used]
-        tracks = self._front_end.observed()
-        return start_in_motion(imu, stamps, times, tracks, self._mounting.calibration, self._config)
+        longest = min(longest, available)
+        differ = longest - shortest >= self._config.start.between_attempts - EARLY
+        refusal: Refusal | None = None
+        for length in (longest, shortest) if differ else (longest,):
+            if imu.unreliable(now.time - length, now.time):
+                continue
+            self._last_attempt = now.time
+            used = frames.since(now.time - length)
+            stamps, times = [f.stamp for f in used], [f.time for f in used]
+            tracks, calibration = self._front_end.observed(), self._mounting.calibration
+            found = start_in_motion(imu, stamps, times, tracks, calibration, self._config)
+            if isinstance(found, Start):
+                return found
+            refusal = refusal or found
+        return refusal
 
     def retime(self, change: float) -> None:
         """Move all frames in time, s, and try again with the next one."""
