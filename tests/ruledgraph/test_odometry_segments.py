@@ -151,7 +151,7 @@ def test_lines_that_contradict_the_imu_are_reported_and_flagged_or_end_the_segme
     assert all(e.status != "degraded" for e in before)
 
 
-@pytest.mark.parametrize("seed", [0, 5, 7])
+@pytest.mark.parametrize("seed", [0, 4, 5])
 def test_a_lost_estimate_ends_its_segment_at_its_last_reliable_state(seed):
     config = load_config(None, ["integrity.lost_misfit=0.35"])
     measurements, calibration = small_stream(seed=seed)
