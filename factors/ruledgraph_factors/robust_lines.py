@@ -13,11 +13,12 @@ sum_c w_c J_c^T J_c: those of a factor with GTSAM's robust noise for each chunk.
 """
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from ruledgraph_factors.evaluation import evaluation, native_surface
+from ruledgraph_factors.evaluation import Evaluate, evaluation, native_surface
 from ruledgraph_factors.kernel import active_kernel, native
 from ruledgraph_factors.ruled_surface import State
 from ruledgraph_factors.spec import RuledSurfaceSpec
@@ -104,6 +105,11 @@ class RobustLines:
             found.append(np.sum(np.square(residual.reshape(-1, _ROWS)), axis=1))
         return found
 
+    @cached_property
+    def _evaluations(self) -> list[Evaluate]:
+        """Of each line alone."""
+        return [evaluation(surface) for surface in self._surfaces]
+
     def _by_native(
         self,
         state: State,
@@ -132,8 +138,7 @@ class RobustLines:
         self, i: int, state: State, deltas: FloatArray, want_jacobian: bool
     ) -> tuple[FloatArray, FloatArray]:
         """Whitened; with the Jacobian, empty unless it is wanted, which is not."""
-        evaluate = evaluation(self._surfaces[i])
-        value, jacobian = evaluate(state._replace(line=deltas[i]), want_jacobian)
+        value, jacobian = self._evaluations[i](state._replace(line=deltas[i]), want_jacobian)
         return self._precision * value, np.empty((0, 0)) if jacobian is None else jacobian
 
     def _chunks(self, i: int, residual: FloatArray) -> tuple[float, FloatArray]:

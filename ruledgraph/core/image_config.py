@@ -84,9 +84,11 @@ class TracksConfig(Section):
     fresh_sigma_px: float = number(4.0, "px", 0.5, 50.0)
     """Standard deviation across itself of the predicted ruling of a new track."""
     flow_reach: float = number(0.2, "", 0.01, 10.0)
-    """How far the motions of two tracks have to do with each other, as a share of the image ..."""
+    """How far the motions of two tracks have to do with each other, as a share of the image; taken
+    for a fifth, not fitted ..."""
     flow_noise: float = number(0.3, "", 0.0, 10.0)
-    """... and how much of it differs with the distance of things beside each other, as a share."""
+    """... and what share of it differs, as things beside each other are at different distances:
+    taken for a third, not fitted."""
     min_sigma_px: float = number(2.0, "px", 0.1, 50.0)
     """Least deviation of a ruling predicted from the track alone."""
     max_sigma_px: float = number(6.0, "px", 0.5, 50.0)

@@ -48,7 +48,7 @@ class Tracker:
         self._config = config
         max_rms = {"maxima": config.max_rms_px, "sobel": config.max_rms_sobel_px}
         self._max_rms = max_rms[edges.points]
-        self._time = self._elapsed = 0.0
+        self._time = self._elapsed = 0.0  # of the last frame, and since the one before it, s
         self._starter = TrackStarter(camera, edges, config, self._max_rms)
         corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
         rim = np.concatenate([corners, [[0.5, 0.0], [0.5, 1.0], [0.0, 0.5], [1.0, 0.5]]])

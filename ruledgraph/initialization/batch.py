@@ -85,11 +85,7 @@ class Batch:
         return float(state.atDouble(TIME)) if state.exists(TIME) else 0.0
 
     def lines(self) -> list[InitialLine]:
-        """All of them.
-
-        Raises:
-            numpy.linalg.LinAlgError: when one is indeterminate.
-        """
+        """All of them; each has a prior, so that none is indeterminate."""
         covariances = self._problem.linearize(self._at).line_covariances()
         each = zip(self._charts, self._at.deltas, covariances, strict=True)
         return [InitialLine(*line) for line in each]
