@@ -45,6 +45,9 @@ class FixedLagSmoother:
             params.setFactorization("QR")
         self._dogleg_for = self._config.dogleg_updates if dogleg else 0
         self._smoother = gtsam.IncrementalFixedLagSmoother(self._config.lag, params)
+        # As long as Python holds it, callbacks are given this very object: without, pybind copies
+        # all variables for every callback, which takes as long as the callback itself.
+        self._linearization_point = self.linearization_point()
 
     @property
     def dogleg(self) -> bool:
