@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """GTSAM's incremental fixed-lag smoother: the only module that touches it and its failures."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 
 import gtsam
 import numpy as np
@@ -60,6 +60,7 @@ class FixedLagSmoother:
         values: gtsam.Values,
         times: Mapping[int, float],
         check: Callable[[gtsam.Values], bool],
+        outliers: Set[int] = frozenset(),
     ) -> gtsam.Values:
         """Add factors and variables, and the times of new and of refreshed variables.
 
@@ -69,6 +70,7 @@ class FixedLagSmoother:
             times: of new and of refreshed variables, s.
             check: whether an estimate is about what was expected, so that no further step is
                 needed; raises `SmootherError` for one that cannot be right.
+            outliers: variables whose Python factors are removed; `factors` must have one on each.
 
         Returns:
             The estimate of all variables.
@@ -78,6 +80,9 @@ class FixedLagSmoother:
         """
         # Copies: what GTSAM hands out changes with the smoother, also in an update that fails.
         factors_before = gtsam.NonlinearFactorGraph(self._smoother.getFactors())
+        removed = _factors_on(outliers, factors_before)
+        for index in removed:
+            factors_before.remove(index)
         values_before = gtsam.Values(self.linearization_point())
         # With the times of this update a new smoother would at once drop variables that the new
         # factors need.
@@ -90,11 +95,13 @@ class FixedLagSmoother:
             try:
                 if was_dogleg:
                     self._restart(*before, dogleg=False)
-                return self._solve(factors, values, times, check)
+                    removed = []
+                return self._solve(factors, values, times, check, removed)
             except SmootherError as failure:
                 self.dogleg_reason = str(failure)
                 self._restart(*before, dogleg=True)
-        return self._solve(factors, values, times, check)
+                removed = []
+        return self._solve(factors, values, times, check, removed)
 
     def _solve(
         self,
@@ -102,8 +109,9 @@ class FixedLagSmoother:
         values: gtsam.Values,
         times: Mapping[int, float],
         check: Callable[[gtsam.Values], bool],
+        removed: Sequence[int],
     ) -> gtsam.Values:
-        self._call(factors, values, times)
+        self._call(factors, values, times, removed)
         estimate, left = self._smoother.calculateEstimate(), self._config.updates
         while not check(estimate) and left > 0:
             # The pre-release of GTSAM 4.3 has no update without arguments.
@@ -116,10 +124,11 @@ class FixedLagSmoother:
         factors: gtsam.NonlinearFactorGraph,
         values: gtsam.Values,
         times: Mapping[int, float],
+        removed: Sequence[int] = (),
     ) -> None:
         try:
             # GTSAM's stub wants a mapping whose key type is exactly its own.
-            self._smoother.update(factors, values, times)  # type: ignore[arg-type]
+            self._smoother.update(factors, values, times, list(removed))  # type: ignore[arg-type]
         except (RuntimeError, IndexError, ValueError) as error:
             raise SmootherError(" ".join(str(error).split())[:300]) from None
 
@@ -174,3 +183,14 @@ class FixedLagSmoother:
         except (RuntimeError, IndexError):
             return None
         return found if np.isfinite(found).all() else None
+
+
+def _factors_on(keys: Set[int], graph: gtsam.NonlinearFactorGraph) -> list[int]:
+    """Indices of the factors in Python on any of these variables."""
+    found: list[int] = []
+    if keys:
+        for i in range(graph.size()):
+            factor = graph.at(i)
+            if isinstance(factor, gtsam.CustomFactor) and not keys.isdisjoint(factor.keys()):
+                found.append(i)
+    return found

@@ -12,11 +12,14 @@ from ruledgraph.backend.states import StateNode, insert_state
 
 @dataclass(eq=False)
 class GraphUpdate:
-    """New factors and variables, and times of new and of refreshed variables, s."""
+    """New factors and variables, times of new and of refreshed variables (s), and the variables
+    whose factors are to be removed.
+    """
 
     factors: gtsam.NonlinearFactorGraph = field(default_factory=gtsam.NonlinearFactorGraph)
     values: gtsam.Values = field(default_factory=gtsam.Values)
     times: dict[int, float] = field(default_factory=dict)
+    outliers: set[int] = field(default_factory=set)
 
     def insert(self, node: StateNode) -> None:
         """Add the variables of a state."""

@@ -24,7 +24,12 @@ from ruledgraph.backend.states import Interval
 from ruledgraph.core.config import LinesConfig
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.line_observations import LineTrack, Sighting
-from ruledgraph_factors import FactorError, same_line_factor, triangulate_line
+from ruledgraph_factors import (
+    NEW_LINE_SIGMAS,
+    FactorError,
+    same_line_factor,
+    triangulate_line,
+)
 
 
 class ImpossibleLineError(RuledgraphError):
@@ -106,9 +111,8 @@ class LineGraphBuilder:
             id=track.id,
             key=L(self._keys_so_far),
             chart=initial.chart,
-            delta=initial.delta,
+            delta=np.zeros(4),
             in_view=track.in_view,
-            linearized=initial.delta,
             covariance=initial.covariance,
             first_stamp=first.interval.stamps[first.frames[0]],
             last_stamp=0,
@@ -142,7 +146,15 @@ class LineGraphBuilder:
         behind = inverse < -self._config.behind_sigmas * sigma
         if behind or inverse > 1.0 / self._config.min_distance:
             raise ImpossibleLineError(f"one over its distance is {inverse:.2g} 1/m")
-        return InitialLine(fit.chart, np.zeros(4), fit.covariance)
+        return InitialLine(fit.chart, fit.covariance)
+
+    def remove(self, line: Landmark, update: GraphUpdate) -> None:
+        """Remove the factors of a line; its variable stays until its time, with a prior that holds
+        nothing else.
+        """
+        update.outliers.add(line.key)
+        wide = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
+        update.factors.addPriorVector(line.key, line.delta, wide)
 
     def reanchor(self, line: Landmark, update: GraphUpdate) -> None:
         """A new chart at the current estimate, under a new key, with a factor to the old one.

@@ -46,6 +46,8 @@ class LineMap:
         """Lines that left, until someone takes them."""
         self.rejected: set[int] = set()
         """Ids of rejected lines, whose tracks are to be dropped, until someone takes them."""
+        self._outliers: list[Landmark] = []
+        # Rejected lines whose factors are still in the graph.
         self._config = config.lines
         self._min_track_age = config.tracks.min_track_age
         self._model = EdgeModel.of(calibration, config)
@@ -87,8 +89,16 @@ class LineMap:
 
     # -- staying ---------------------------------------------------------------------------------
 
-    def reanchor(self, update: GraphUpdate) -> None:
-        """Give lines a new variable whose estimates moved far from their linearisation point."""
+    def update_variables(self, update: GraphUpdate) -> None:
+        """Remove the factors of rejected lines; give lines a new variable whose estimates moved far
+        from their linearisation point.
+        """
+        for line in self._outliers:
+            self._builder.remove(line, update)
+        self._outliers.clear()
+        self._reanchor(update)
+
+    def _reanchor(self, update: GraphUpdate) -> None:
         for line in self.lines.values():
             if (
                 line.linearization_frozen
@@ -117,8 +127,8 @@ class LineMap:
     # -- leaving ---------------------------------------------------------------------------------
 
     def check_fit(self, interval: Interval) -> None:
-        """Reject lines that do not fit their points in the newest interval, or lie behind the
-        camera.
+        """Reject lines that do not fit their points in the newest interval, lie behind the camera,
+        or are a quarter of a turn from where they were placed first.
         """
         of_frames = interval.cameras(self._model.body_T_cam)
         state = interval.state(np.zeros(4))
@@ -133,13 +143,18 @@ class LineMap:
             bad = fit.is_misfit or fit.is_behind
             line.bad_states = line.bad_states + 1 if bad else 0
             if line.bad_states >= self._config.max_bad_states:
-                self.rejected.add(line.id)
-                del self.lines[line.id]
+                self._reject(line)
             elif not bad:
                 good.append(line)
                 cameras.append(of_frames[frame])
                 ends.append(last_points[[0, -1]])
         record_extent(good, cameras, np.array(ends))
+        for line in [line for line in self.lines.values() if line.chart.is_far(line.delta)]:
+            self._reject(line)
+
+    def _reject(self, line: Landmark) -> None:
+        self.rejected.add(line.id)
+        self._outliers.append(self.lines.pop(line.id))
 
     def retire(self, before: float) -> None:
         """Lines that were last seen before a time (s) leave."""

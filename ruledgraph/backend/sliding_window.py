@@ -156,7 +156,7 @@ class Window:
             The intervals that left the window, with their final estimates.
         """
         gone = self._drop_old()
-        self.line_map.reanchor(self._update)
+        self.line_map.update_variables(self._update)
         self._solver.solve(self._update)
         self._update = GraphUpdate()
         self.solved = self.newest.time

@@ -13,13 +13,20 @@ from ruledgraph_factors import LineChart
 
 
 class InitialLine(NamedTuple):
-    """What is known of a line when it enters."""
+    """What is known of a line when it enters: it is where its chart is, at delta = 0."""
 
     chart: LineChart
-    delta: FloatArray
-    """(4,)."""
     covariance: FloatArray
     """Of delta, (4, 4), the states being known."""
+
+    @classmethod
+    def at(cls, chart: LineChart, delta: FloatArray, covariance: FloatArray) -> "InitialLine":
+        """The line at delta (4,) of a chart, with its covariance there, in a chart around it.
+
+        A chart is singular a full turn away, where a line without good points may have gone.
+        """
+        around, by_delta = chart.recentred(delta)
+        return cls(around, by_delta @ covariance @ by_delta.T)
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,7 +44,7 @@ class WindowSolver:
 
     def _solve(self, update: GraphUpdate) -> None:
         added = update.factors, update.values, update.times
-        estimate = self._smoother.update(*added, self._check)
+        estimate = self._smoother.update(*added, self._check, update.outliers)
         self._states.read(estimate)
         self._line_map.read(estimate, self._smoother.linearization_point())
 

@@ -140,7 +140,8 @@ class IntegrityConfig(Section):
     tracking_position_sigma: float = number(3.0, "m", 1e-3, 1e3)
     """... and that of its position since the segment began below this: half a room."""
     trial_time: float = number(0.7, "s", 0.0, 60.0)
-    """How long a start in motion is on trial."""
+    """How long a start in motion is on trial: at least, and `lost_time` more at most, until lines
+    and estimate agree."""
     trial_share: float = number(0.5, "", 0.01, 1.0)
     """Share of the three limits that a start on trial must keep."""
     trial_min_stay: float = number(0.5, "", 0.0, 1.0)
@@ -162,7 +163,7 @@ class IntegrityConfig(Section):
     max_misfit: float = number(0.3, "", 0.001, 1.0)
     """Share from which lines and estimate disagree; blurred flights reach 0.28."""
     agreed_misfit: float = number(0.2, "", 0.001, 1.0)
-    """Share below which they agree again."""
+    """Share below which they agree again, and agree at the end of a start's trial."""
     lost_misfit: float = number(0.5, "", 0.001, 1.0)
     """Share beyond which the estimate is lost at once ..."""
     lost_time: float = number(1.0, "s", 0.0, 60.0)

@@ -182,6 +182,7 @@ class Tracker:
 
     def retime(self, change: float) -> None:
         """The times of all frames were corrected by so much, s."""
+        self._time += change
         for track in self.tracks:
             track.first_time, track.last_seen = track.first_time + change, track.last_seen + change
 

@@ -88,7 +88,7 @@ class Batch:
         """All of them; each has a prior, so that none is indeterminate."""
         covariances = self._problem.linearize(self._at).line_covariances()
         each = zip(self._charts, self._at.deltas, covariances, strict=True)
-        return [InitialLine(*line) for line in each]
+        return [InitialLine.at(*line) for line in each]
 
     # -- solving ---------------------------------------------------------------------------------
 

@@ -145,7 +145,7 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
         return Refusal("two motions explain the lines as well as each other")
     lines = {}
     for seen, line, fit in zip(window.seen, batch.lines(), fits, strict=True):
-        if np.mean(fit) > 0.5 and line.chart.inverse_distance(line.delta)[0] > 0.0:
+        if np.mean(fit) > 0.5 and line.chart.inverse_distance(np.zeros(4))[0] > 0.0:
             lines[seen.track.id] = line
     if len(lines) < _FEWEST_LINES:
         return Refusal(f"{len(lines)} lines come out in front of the camera")

@@ -8,7 +8,9 @@ from ruledgraph.core.config import IntegrityConfig
 
 
 class Trial:
-    """A start in motion, made at a time, until most of its lines have been seen to stay."""
+    """A start in motion, made at a time, until its lines have been seen to stay and lines and
+    estimate agree.
+    """
 
     def __init__(self, start: Start, time: float, config: IntegrityConfig) -> None:
         self._config = config
@@ -18,8 +20,10 @@ class Trial:
         self.failure = ""
         """Why it is rejected."""
 
-    def passed(self, window: Window) -> bool:
-        """Whether it is over and went well; look at `failure` first."""
+    def passed(self, window: Window, agrees: bool) -> bool:
+        """Whether it is over and went well, where lines and estimate agree or not; look at
+        `failure` first.
+        """
         node = window.newest
         self._entered |= self._line_ids & window.lines.keys()
         gone = len(self._entered - window.lines.keys())
@@ -27,4 +31,6 @@ class Trial:
             self.failure = f"{gone} of its {len(self._line_ids)} lines did not fit for long"
         elif not node.is_plausible(self._config, self._config.trial_share):
             self.failure = "its velocity or biases are implausible"
-        return not self.failure and node.time >= self._until
+        elif not agrees and node.time >= self._until + self._config.lost_time:
+            self.failure = "too many lines do not fit it"
+        return not self.failure and agrees and node.time >= self._until

@@ -52,6 +52,11 @@ class LineCheck:
         """Whether too many lines do not fit the estimate."""
         return self._misfit_since is not None
 
+    @property
+    def agrees(self) -> bool:
+        """Whether so few do not that a disagreement would be over."""
+        return self._misfit < self._config.agreed_misfit
+
     def update(self, window: Window, still: bool) -> None:
         """Take in the window's newest state, and whether the body has been at rest until then."""
         limits, time = self._config, window.newest.time

@@ -75,6 +75,11 @@ class IntegrityMonitor:
         return self._lines.misfits
 
     @property
+    def agrees(self) -> bool:
+        """Whether nearly all lines fit the estimate."""
+        return self._lines.agrees
+
+    @property
     def lost(self) -> bool:
         """Whether most lines do not fit the estimate."""
         return self._lines.lost

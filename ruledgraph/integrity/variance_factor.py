@@ -6,10 +6,13 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from scipy.special import fdtri
+from scipy.special import fdtri, ndtr, stdtrit
 
 from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Innovation
+
+# Standard deviations that an error is held against.
+_SIGMAS = 3.0
 
 
 class _Told(NamedTuple):
@@ -31,9 +34,11 @@ class VarianceFactor:
     robust loss, whose scale is in pixels, and what is left of the priors of a start). With the
     noise figures counting as `prior` degrees of freedom of s^2 = 1, and innovations of nis_k over
     dof_k degrees of freedom, s^2 is scaled inverse chi-square, and an estimate whose covariance is
-    s^2 C is distributed as Student's t, of the covariance
+    s^2 C is distributed as Student's t with n degrees of freedom. The covariance that is reported
+    is that of a Gaussian with the same three-sigma bounds: with t the quantile of Student's t at
+    the probability of three standard deviations of a Gaussian,
 
-        C (prior + sum w_k nis_k) / (n - 2),    n = prior + sum w_k dof_k.
+        C (t / 3)^2 (prior + sum w_k nis_k) / n,    n = prior + sum w_k dof_k.
 
     An innovation is of a window: those of the newest window, the one before it and so on count,
     which are independent, the older the less.
@@ -60,8 +65,9 @@ class VarianceFactor:
 
     @property
     def of_covariances(self) -> float:
-        """The mean of s^2, by which the covariance of Student's t is larger than C."""
-        return (self._prior + self._newest.nis) / (self._prior + self._newest.dof - 2.0)
+        """By which the reported covariance is larger than C."""
+        quantile = float(stdtrit(self._prior + self._newest.dof, ndtr(_SIGMAS)))
+        return self.estimate * (quantile / _SIGMAS) ** 2
 
     def is_unlikely(self, innovation: Innovation, time: float, confidence: float) -> bool:
         """Whether an innovation needs more noise than the figures and the windows before it show.

@@ -168,6 +168,8 @@ class TrajectorySegment:
     def confirm(self) -> None:
         """Accept a start that was on trial."""
         self.confirmed = True
+        # Of the first state by now, not by the prior of the start.
+        self.window.read_smoothed_covariances()
         self._reporter.release(self.window)
 
     @property

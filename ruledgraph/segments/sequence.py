@@ -128,7 +128,7 @@ class SegmentSequence:
         """
         trial, failure, warnings = self._trial, segment.failure, self._stages.output.warnings
         if trial is not None:
-            passed = trial.passed(segment.window)
+            passed = trial.passed(segment.window, segment.monitor.agrees)
             if reason := trial.failure or failure:
                 warnings.append(
                     f"the start in motion before {now.time:.2f} s is taken back: {reason}"

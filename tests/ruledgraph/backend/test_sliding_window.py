@@ -10,6 +10,7 @@ import pytest
 from gtsam.symbol_shorthand import L, X
 
 from ideal_tracks import MANY, IdealTracks, error_of, ideal_tracks, sighting
+from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_factors import new_line_factors
 from ruledgraph.backend.states import Interval
@@ -98,6 +99,29 @@ def test_a_line_that_does_not_fit_is_retired():
     window, _ = run_window(made)
     assert liar.id not in window.lines
     assert error_of(window.newest.state.pose(), made.motion.pose(window.newest.time)) < 0.02
+
+
+def test_of_a_rejected_line_nothing_but_a_prior_stays():
+    window, _ = run_window(ideal_tracks(2, hand_held(np.random.default_rng(2))))
+    smoother, line = window._solver._smoother, next(iter(window.lines.values()))
+    before = len(_factors_on(smoother, line.key))
+    line.delta = np.array([0.0, 0.0, 1.6, 0.0])  # over a quarter turn: no line does that
+    window.line_map.check_fit(window.intervals[-1])
+    assert window.line_map.take_rejected() == {line.id}
+    window.optimize()
+    left = _factors_on(smoother, line.key)
+    assert before > 5
+    assert not any(isinstance(factor, gtsam.CustomFactor) for factor in left)
+    assert any(isinstance(factor, gtsam.PriorFactorVector) for factor in left)
+    # The others stay.
+    assert all(len(_factors_on(smoother, other.key)) > 1 for other in window.lines.values())
+    assert not window.recoveries
+
+
+def _factors_on(smoother: FixedLagSmoother, key: int) -> list[gtsam.NonlinearFactor]:
+    graph = smoother._smoother.getFactors()
+    factors = [graph.at(i) for i in range(graph.size())]
+    return [f for f in factors if f is not None and key in f.keys()]  # noqa: SIM118
 
 
 def test_a_robust_loss_carries_a_line_that_slips():

@@ -34,16 +34,29 @@ def window_at(time: float, lines, velocity=0.0):
 def test_a_trial_is_passed_by_lines_that_stay():
     trial = Trial(start_with(range(6)), 1.0, IntegrityConfig())
     for time in (1.0, 1.2, 1.4):
-        assert not trial.passed(window_at(time, range(20)))
-    assert trial.passed(window_at(1.8, [0, 1, 2, 3, 17]))
+        assert not trial.passed(window_at(time, range(20)), agrees=True)
+    assert trial.passed(window_at(1.8, [0, 1, 2, 3, 17]), agrees=True)
     assert not trial.failure
 
 
 def test_a_trial_fails_when_lines_go_or_the_state_is_absurd():
     trial = Trial(start_with(range(6)), 1.0, IntegrityConfig())
-    assert not trial.passed(window_at(1.0, range(6)))
-    assert not trial.passed(window_at(1.3, [0, 1]))
+    assert not trial.passed(window_at(1.0, range(6)), agrees=True)
+    assert not trial.passed(window_at(1.3, [0, 1]), agrees=True)
     assert trial.failure == "4 of its 6 lines did not fit for long"
     fast = Trial(start_with(range(6)), 1.0, IntegrityConfig())
-    assert not fast.passed(window_at(2.0, range(6), velocity=30.0))
+    assert not fast.passed(window_at(2.0, range(6), velocity=30.0), agrees=True)
     assert "implausible" in fast.failure
+
+
+def test_a_trial_goes_on_until_lines_and_estimate_agree():
+    """As lines on something that moves may for a while, and then fit no better."""
+    late = Trial(start_with(range(6)), 1.0, IntegrityConfig(trial_time=0.7, lost_time=1.0))
+    assert not late.passed(window_at(1.8, range(6)), agrees=False)
+    assert not late.failure
+    assert late.passed(window_at(2.2, range(6)), agrees=True)
+    never = Trial(start_with(range(6)), 1.0, IntegrityConfig(trial_time=0.7, lost_time=1.0))
+    assert not never.passed(window_at(2.6, range(6)), agrees=False)
+    assert not never.failure
+    assert not never.passed(window_at(2.8, range(6)), agrees=False)
+    assert never.failure == "too many lines do not fit it"

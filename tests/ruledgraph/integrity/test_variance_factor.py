@@ -4,7 +4,7 @@
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, t
+from scipy.stats import chi2, norm, t
 
 from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Innovation
@@ -18,10 +18,15 @@ def after(factor: VarianceFactor, innovation: Innovation | None, time: float) ->
     return factor.of_covariances
 
 
-def test_without_innovations_it_is_the_variance_of_students_t():
+def tails(degrees: float) -> float:
+    """(t / 3)^2 with the three sigma of a Gaussian in probability."""
+    return float((t.ppf(norm.cdf(3.0), degrees) / 3.0) ** 2)
+
+
+def test_without_innovations_it_has_the_bounds_of_students_t():
     factor = VarianceFactor(CONFIG, window=2.5)
     found = [after(factor, None, time) for time in (0.2, 0.4, 0.6)]
-    assert found == pytest.approx([t.var(5.0)] * 3)
+    assert found == pytest.approx([tails(5.0)] * 3)
 
 
 def test_the_newest_window_counts_in_full_and_is_not_counted_twice():
@@ -29,7 +34,7 @@ def test_the_newest_window_counts_in_full_and_is_not_counted_twice():
     for time in np.arange(0.2, 2.4, 0.2).tolist():
         factor.update(Innovation(40.0, 10), time)
         assert factor.estimate == pytest.approx((5.0 + 40.0) / (5.0 + 10.0))
-        assert factor.of_covariances == pytest.approx((5.0 + 40.0) / (5.0 + 10.0 - 2.0))
+        assert factor.of_covariances == pytest.approx(3.0 * tails(15.0))
 
 
 def test_windows_that_do_not_overlap_count_the_older_the_less():
@@ -37,7 +42,8 @@ def test_windows_that_do_not_overlap_count_the_older_the_less():
     factor.update(Innovation(100.0, 10), 1.0)
     factor.update(Innovation(7.0, 9), 2.0)
     kept = np.exp(-2.5 / 5.0)
-    expected = (5.0 + 30.0 + 100.0 * kept) / (3.0 + 8.0 + 10.0 * kept)
+    degrees = 5.0 + 8.0 + 10.0 * kept
+    expected = (5.0 + 30.0 + 100.0 * kept) / degrees * tails(degrees)
     assert after(factor, Innovation(30.0, 8), 3.5) == pytest.approx(expected)
 
 
@@ -45,8 +51,10 @@ def test_what_was_told_is_forgotten():
     factor = VarianceFactor(CONFIG, window=2.5)
     factor.update(Innovation(100.0, 10), 1.0)
     kept = np.exp(-5.0 / 5.0)
-    assert after(factor, None, 6.0) == pytest.approx((5.0 + 100.0 * kept) / (3.0 + 10.0 * kept))
-    assert after(factor, None, 1e4) == pytest.approx(5.0 / 3.0)
+    degrees = 5.0 + 10.0 * kept
+    expected = (5.0 + 100.0 * kept) / degrees * tails(degrees)
+    assert after(factor, None, 6.0) == pytest.approx(expected)
+    assert after(factor, None, 1e4) == pytest.approx(tails(5.0))
 
 
 @pytest.mark.parametrize("dof", [3, 10])
@@ -61,13 +69,13 @@ def test_errors_in_units_of_it_are_as_large_as_it_says(dof):
     found = [
         after(VarianceFactor(config, 2.5), Innovation(value, dof), 1.0) for value in nis.tolist()
     ]
-    # Errors squared have a kurtosis of at most 4.5: 2.2 % of deviation.
-    assert np.mean(np.square(errors) / found) == pytest.approx(1.0, abs=0.07)
-    # The tails are those of Student's t: a little more than a Gaussian's.
-    beyond = np.mean(np.square(errors) > 9.0 * np.array(found))
+    # As many are beyond three sigma as of a Gaussian: 54 with a deviation of 7.
+    beyond = np.sum(np.square(errors) > 9.0 * np.array(found))
+    assert beyond == pytest.approx(count * chi2.sf(9.0, 1), abs=30.0)
+    # Within them they are smaller than it says. Errors squared have a kurtosis of at most 4.5.
     degrees = prior + dof
-    expected = 2.0 * t.sf(3.0 * np.sqrt(degrees / (degrees - 2.0)), degrees)
-    assert chi2.sf(9.0, 1) < beyond == pytest.approx(expected, abs=4.0 * np.sqrt(expected / count))
+    smaller = degrees / (degrees - 2.0) / tails(degrees)
+    assert np.mean(np.square(errors) / found) == pytest.approx(smaller, abs=0.07)
 
 
 @pytest.mark.parametrize(("windows", "least"), [(0, 0.007), (2, 0.004)])
