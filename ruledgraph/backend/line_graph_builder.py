@@ -149,8 +149,8 @@ class LineGraphBuilder:
         return InitialLine(fit.chart, fit.covariance)
 
     def remove(self, line: Landmark, update: GraphUpdate) -> None:
-        """Remove the factors of a line; its variable stays until its time, with a prior that holds
-        nothing else.
+        """Remove the factors of a line; its variable stays until its time, with a prior of its
+        own.
         """
         update.outliers.add(line.key)
         wide = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))

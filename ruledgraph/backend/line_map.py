@@ -46,8 +46,9 @@ class LineMap:
         """Lines that left, until someone takes them."""
         self.rejected: set[int] = set()
         """Ids of rejected lines, whose tracks are to be dropped, until someone takes them."""
-        self._outliers: list[Landmark] = []
-        # Rejected lines whose factors are still in the graph.
+        self._dropped: list[Landmark] = []
+        # Rejected lines whose factors are still in the graph: where most lines fit no longer, the
+        # estimate may be wrong, and they bring it back.
         self._config = config.lines
         self._min_track_age = config.tracks.min_track_age
         self._model = EdgeModel.of(calibration, config)
@@ -90,12 +91,13 @@ class LineMap:
     # -- staying ---------------------------------------------------------------------------------
 
     def update_variables(self, update: GraphUpdate) -> None:
-        """Remove the factors of rejected lines; give lines a new variable whose estimates moved far
-        from their linearisation point.
+        """Remove the factors of rejected lines that turn round, whose charts end in a singularity;
+        give lines a new variable whose estimates moved far from their linearisation point.
         """
-        for line in self._outliers:
+        far = [line for line in self._dropped if line.chart.is_far(line.delta)]
+        for line in far:
             self._builder.remove(line, update)
-        self._outliers.clear()
+            self._dropped.remove(line)
         self._reanchor(update)
 
     def _reanchor(self, update: GraphUpdate) -> None:
@@ -108,7 +110,7 @@ class LineMap:
 
     def read(self, estimate: gtsam.Values, linearization_point: gtsam.Values) -> None:
         """Take over what the smoother found."""
-        for line in self.lines.values():
+        for line in (*self.lines.values(), *self._dropped):
             if estimate.exists(line.key):
                 line.delta = estimate.atVector(line.key)
                 line.linearized = linearization_point.atVector(line.key)
@@ -154,22 +156,25 @@ class LineMap:
 
     def _reject(self, line: Landmark) -> None:
         self.rejected.add(line.id)
-        self._outliers.append(self.lines.pop(line.id))
+        self._dropped.append(self.lines.pop(line.id))
 
     def retire(self, before: float) -> None:
         """Lines that were last seen before a time (s) leave."""
         for id_ in [id_ for id_, line in self.lines.items() if line.last_time < before]:
             self.retired.append(self.lines.pop(id_))
+        self._dropped = [line for line in self._dropped if line.last_time >= before]
 
     def reject_all(self) -> None:
         """Go on without lines."""
         self.rejected |= self.lines.keys()
         self.lines.clear()
+        self._dropped.clear()
 
     def keep_only(self, keys: Iterable[int]) -> None:
         """Keep the lines with these variables alone."""
         kept = set(keys)
         self.lines = {id_: line for id_, line in self.lines.items() if line.key in kept}
+        self._dropped = [line for line in self._dropped if line.key in kept]
 
     def take_retired(self) -> list[Landmark]:
         """Lines that left since the last call."""

@@ -101,7 +101,7 @@ def test_a_line_that_does_not_fit_is_retired():
     assert error_of(window.newest.state.pose(), made.motion.pose(window.newest.time)) < 0.02
 
 
-def test_of_a_rejected_line_nothing_but_a_prior_stays():
+def test_of_a_line_that_turns_round_nothing_but_a_prior_stays():
     window, _ = run_window(ideal_tracks(2, hand_held(np.random.default_rng(2))))
     smoother, line = window._solver._smoother, next(iter(window.lines.values()))
     before = len(_factors_on(smoother, line.key))
