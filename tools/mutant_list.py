@@ -92,7 +92,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "integrity/test_variance_factor",
         (
             ("if told and told[0].time <= time - self._window:", "if told:"),
-            ("self._newest.dof - 2.0", "self._newest.dof"),
+            ("(quantile / _SIGMAS) ** 2", "quantile / _SIGMAS"),
             ("kept * self.nis", "self.nis"),
             ("len(told) > 1 and told[1].time", "len(told) > 1 and told[0].time"),
             ("most * expected * innovation.dof", "most * innovation.dof"),

@@ -166,9 +166,8 @@ class TrajectorySegment:
             self._stages.mounting.update(extrinsics)
 
     def confirm(self) -> None:
-        """Accept a start that was on trial."""
+        """Accept a start that was on trial, with covariances as of now, not of the start."""
         self.confirmed = True
-        # Of the first state by now, not by the prior of the start.
         self.window.read_smoothed_covariances()
         self._reporter.release(self.window)
 

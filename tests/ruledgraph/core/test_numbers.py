@@ -48,6 +48,7 @@ ALLOWED = {
         "belongs to the paper's method, which is kept for comparison",
     ),
     "frontend/tracker.py": {"_UNBOUNDED": "stands for infinity: beyond any image"},
+    "integrity/variance_factor.py": {"_SIGMAS": "the bounds that errors are held against"},
     "imu/buffer.py": {"_REPEATS_KEPT": MEMORY},
     "imu/image_input.py": dict.fromkeys(
         ("_MANY_CLOSE", "_CLOSE"), "tells a wrong unit from stamps that scatter"

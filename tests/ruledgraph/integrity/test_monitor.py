@@ -4,6 +4,7 @@
 import gtsam
 import numpy as np
 import pytest
+from scipy.stats import norm, t
 
 from ideal_tracks import CALIBRATION, MANY, ideal_tracks, start_of
 from ruledgraph.backend.sliding_window import Window
@@ -188,7 +189,7 @@ def test_covariances_are_larger_by_the_variance_factor_and_never_smaller(factor)
     assert warnings == []
 
 
-def test_covariances_are_those_of_students_t():
+def test_covariances_have_the_bounds_of_students_t():
     """Of 5 degrees of freedom of the noise figures and 10 of an innovation."""
     window, monitor, _ = run()
     tell(window, 1.0)
@@ -196,7 +197,9 @@ def test_covariances_are_those_of_students_t():
     monitor.update(window, False)
     state, own = window.newest.state, window.newest.covariances
     reported = monitor.covariances(own, state.pose(), state.velocity())
-    np.testing.assert_allclose(reported[1], (5.0 + 90.0) / (15.0 - 2.0) * own[1], rtol=1e-6)
+    # As likely as three sigma of a Gaussian are 3.586 of Student's t, with 15 degrees of freedom.
+    expected = (5.0 + 90.0) / 15.0 * (t.ppf(norm.cdf(3.0), 15) / 3.0) ** 2
+    np.testing.assert_allclose(reported[1], expected * own[1], rtol=1e-6)
 
 
 def test_what_was_wrong_with_the_position_stays():
