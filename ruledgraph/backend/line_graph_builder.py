@@ -106,6 +106,9 @@ class LineGraphBuilder:
         initial = self._initial_lines.pop(track.id, None) or self._triangulated(seen)
         if initial is None:
             return None
+        inverse, _ = initial.chart.inverse_distance(np.zeros(4))
+        if abs(inverse) > 1.0 / self._config.min_distance:
+            raise ImpossibleLineError(f"one over its distance is {inverse:.2g} 1/m")
         first = seen[0]
         line = Landmark(
             id=track.id,
@@ -143,8 +146,7 @@ class LineGraphBuilder:
             return None
         inverse, slope = fit.chart.inverse_distance(np.zeros(4))
         sigma = math.sqrt(float(slope @ fit.covariance @ slope))
-        behind = inverse < -self._config.behind_sigmas * sigma
-        if behind or inverse > 1.0 / self._config.min_distance:
+        if inverse < -self._config.behind_sigmas * sigma:
             raise ImpossibleLineError(f"one over its distance is {inverse:.2g} 1/m")
         return InitialLine(fit.chart, fit.covariance)
 

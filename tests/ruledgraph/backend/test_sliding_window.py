@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The sliding window: its states in motion and at rest, and its lines."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import gtsam
@@ -9,14 +10,25 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, X
 
-from ideal_tracks import MANY, IdealTracks, error_of, ideal_tracks, sighting
+from ideal_tracks import (
+    CALIBRATION,
+    MANY,
+    IdealTracks,
+    error_of,
+    ideal_tracks,
+    sighting,
+    start_of,
+)
 from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_factors import new_line_factors
+from ruledgraph.backend.sliding_window import Window
+from ruledgraph.backend.start import InitialLine
 from ruledgraph.backend.states import Interval
 from ruledgraph.core.config import Config
 from ruledgraph.core.settings import load_config
 from ruledgraph.imu.buffer import ImuBuffer
+from ruledgraph_factors import LineChart
 from simulated_window import SplineMotion, hand_held
 from window_runs import rested, run_window
 
@@ -99,6 +111,18 @@ def test_a_line_that_does_not_fit_is_retired():
     window, _ = run_window(made)
     assert liar.id not in window.lines
     assert error_of(window.newest.state.pose(), made.motion.pose(window.newest.time)) < 0.02
+
+
+def test_a_line_of_a_start_that_runs_through_the_camera_does_not_enter():
+    made = ideal_tracks(2, hand_held(np.random.default_rng(2)))
+    start, track = start_of(made), made.tracks[0]
+    chart = LineChart(start.state.pose(), np.eye(3), 0.5 * np.pi)
+    window = Window(
+        CALIBRATION, Config(), replace(start, lines={track.id: InitialLine(chart, np.eye(4))})
+    )
+    window.extend(made.stamps[1:4], made.times[1:4].tolist(), made.imu, [track], False)
+    assert window.line_map.take_rejected() == {track.id}
+    assert track.id not in window.lines
 
 
 def test_of_a_line_that_turns_round_nothing_but_a_prior_stays():
