@@ -80,8 +80,7 @@ class FixedLagSmoother:
         """
         # Copies: what GTSAM hands out changes with the smoother, also in an update that fails.
         factors_before = gtsam.NonlinearFactorGraph(self._smoother.getFactors())
-        removed = _factors_on(outliers, factors_before)
-        for index in removed:
+        for index in _factors_on(outliers, factors_before):
             factors_before.remove(index)
         values_before = gtsam.Values(self.linearization_point())
         # With the times of this update a new smoother would at once drop variables that the new
@@ -95,13 +94,11 @@ class FixedLagSmoother:
             try:
                 if was_dogleg:
                     self._restart(*before, dogleg=False)
-                    removed = []
-                return self._solve(factors, values, times, check, removed)
+                return self._solve(factors, values, times, check, outliers)
             except SmootherError as failure:
                 self.dogleg_reason = str(failure)
                 self._restart(*before, dogleg=True)
-                removed = []
-        return self._solve(factors, values, times, check, removed)
+        return self._solve(factors, values, times, check, outliers)
 
     def _solve(
         self,
@@ -109,8 +106,10 @@ class FixedLagSmoother:
         values: gtsam.Values,
         times: Mapping[int, float],
         check: Callable[[gtsam.Values], bool],
-        removed: Sequence[int],
+        outliers: Set[int],
     ) -> gtsam.Values:
+        # A smoother that was begun anew has none of their factors.
+        removed = _factors_on(outliers, self._smoother.getFactors())
         self._call(factors, values, times, removed)
         estimate, left = self._smoother.calculateEstimate(), self._config.updates
         while not check(estimate) and left > 0:
@@ -187,10 +186,11 @@ class FixedLagSmoother:
 
 def _factors_on(keys: Set[int], graph: gtsam.NonlinearFactorGraph) -> list[int]:
     """Indices of the factors in Python on any of these variables."""
-    found: list[int] = []
-    if keys:
-        for i in range(graph.size()):
-            factor = graph.at(i)
-            if isinstance(factor, gtsam.CustomFactor) and not keys.isdisjoint(factor.keys()):
-                found.append(i)
-    return found
+    if not keys:
+        return []
+    factors = ((i, graph.at(i)) for i in range(graph.size()))
+    return [
+        i
+        for i, factor in factors
+        if isinstance(factor, gtsam.CustomFactor) and not keys.isdisjoint(factor.keys())
+    ]

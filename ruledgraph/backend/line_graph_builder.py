@@ -106,9 +106,7 @@ class LineGraphBuilder:
         initial = self._initial_lines.pop(track.id, None) or self._triangulated(seen)
         if initial is None:
             return None
-        inverse, _ = initial.chart.inverse_distance(np.zeros(4))
-        if abs(inverse) > 1.0 / self._config.min_distance:
-            raise ImpossibleLineError(f"one over its distance is {inverse:.2g} 1/m")
+        self._check(initial)
         first = seen[0]
         line = Landmark(
             id=track.id,
@@ -144,11 +142,14 @@ class LineGraphBuilder:
             return None
         if fit.rms * self._model.focal > self._config.max_new_misfit_px:
             return None
-        inverse, slope = fit.chart.inverse_distance(np.zeros(4))
-        sigma = math.sqrt(float(slope @ fit.covariance @ slope))
-        if inverse < -self._config.behind_sigmas * sigma:
-            raise ImpossibleLineError(f"one over its distance is {inverse:.2g} 1/m")
         return InitialLine(fit.chart, fit.covariance)
+
+    def _check(self, initial: InitialLine) -> None:
+        inverse, slope = initial.chart.inverse_distance(np.zeros(4))
+        sigma = math.sqrt(float(slope @ initial.covariance @ slope))
+        behind = inverse < -self._config.behind_sigmas * sigma
+        if behind or abs(inverse) > 1.0 / self._config.min_distance:
+            raise ImpossibleLineError(f"one over its distance is {inverse:.2g} 1/m")
 
     def remove(self, line: Landmark, update: GraphUpdate) -> None:
         """Remove the factors of a line; its variable stays until its time, with a prior of its

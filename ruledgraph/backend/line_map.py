@@ -46,9 +46,9 @@ class LineMap:
         """Lines that left, until someone takes them."""
         self.rejected: set[int] = set()
         """Ids of rejected lines, whose tracks are to be dropped, until someone takes them."""
-        self._dropped: list[Landmark] = []
         # Rejected lines whose factors are still in the graph: where most lines fit no longer, the
         # estimate may be wrong, and they bring it back.
+        self._dropped: list[Landmark] = []
         self._config = config.lines
         self._min_track_age = config.tracks.min_track_age
         self._model = EdgeModel.of(calibration, config)
