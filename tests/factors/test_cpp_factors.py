@@ -30,9 +30,11 @@ SOURCE = CPP / "factor_test.cpp"
 # In the order of `Kind` there.
 KINDS = (*FORMS, NewLineSpec, LineDistanceSpec, SameLineSpec)
 BOUND = 1e-12
+# Each built once, not by each worker.
+BUILDS = [pytest.param(v, marks=pytest.mark.xdist_group(f"GTSAM {v}")) for v in ("4.2", "4.3")]
 
 
-@pytest.fixture(scope="module", params=["4.2", "4.3", "real"])
+@pytest.fixture(scope="module", params=[*BUILDS, "real"])
 def program(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cpp")
     if request.param == "real":

@@ -19,6 +19,8 @@ from ruledgraph_factors import (
     triangulate_line,
 )
 
+# Built once, not by each worker.
+pytestmark = pytest.mark.xdist_group("C++ headers")
 BOUND = 1e-12
 
 
