@@ -66,17 +66,22 @@ class EstimateReporter:
         self._live_by_stamp: dict[int, Estimate] = {}
         self._held = Output() if hold else None
 
-    def release(self, window: Window) -> None:
+    def release(self, window: Window, accepted: bool) -> None:
         """Hand out what was held back, and what comes from now on at once.
 
-        Live estimates are replaced by the window's present ones: none was handed out before.
+        Live estimates are replaced by the window's present ones: none was handed out before. Of a
+        start that is not accepted, as it ended on trial, all are degraded.
         """
         held, self._held = self._held, None
-        if held is not None:
-            live = {estimate.stamp: estimate for estimate in held.take_live()}
-            for interval in window.intervals:
-                live |= {e.stamp: e for e in self._of_live(interval, live)}
-            self._output.put(live.values(), held.take_smoothed(), held.take_lines())
+        if held is None:
+            return
+        live = {estimate.stamp: estimate for estimate in held.take_live()}
+        for interval in window.intervals:
+            live |= {e.stamp: e for e in self._of_live(interval, live)}
+        of_frames = list(live.values()), held.take_smoothed()
+        if not accepted:
+            of_frames = _degraded(of_frames[0]), _degraded(of_frames[1])
+        self._output.put(*of_frames, held.take_lines())
 
     @property
     def _out(self) -> Output:
@@ -191,3 +196,7 @@ class EstimateReporter:
         estimates = (landmark.estimate(self._extent_outliers) for landmark in landmarks)
         known = [estimate for estimate in estimates if estimate is not None]
         self._out.put(lines=[replace(estimate, segment=self._segment) for estimate in known])
+
+
+def _degraded(estimates: Iterable[Estimate]) -> list[Estimate]:
+    return [replace(estimate, status="degraded") for estimate in estimates]

@@ -169,7 +169,7 @@ class TrajectorySegment:
         """Accept a start that was on trial, with covariances as of now, not of the start."""
         self.confirmed = True
         self.window.read_smoothed_covariances()
-        self._reporter.release(self.window)
+        self._reporter.release(self.window, accepted=True)
 
     @property
     def failure(self) -> str:
@@ -206,7 +206,7 @@ class TrajectorySegment:
         return "tracking" if known else "degraded"
 
     def finish(self) -> None:
-        """Hand out what is still in the window."""
+        """Hand out what is still in the window; degraded, if the start is on trial."""
         window = self.window
         left = self._stages.sensors.frames.after(window.newest.time)
         if window.is_plausible():
@@ -217,6 +217,6 @@ class TrajectorySegment:
             window.read_smoothed_covariances()
         self._reporter.smoothed(window, list(window.intervals), self._stages.clock.offset)
         self._reporter.lines([*window.line_map.take_retired(), *window.lines.values()])
-        self._reporter.release(window)
+        self._reporter.release(window, self.confirmed)
         for recovery in window.recoveries:
             self._stages.output.recoveries.append(recovery)

@@ -217,6 +217,11 @@ class SegmentSequence:
     def finish(self) -> None:
         """Hand out what is still in the window."""
         if self.current is not None:
+            if self._trial is not None:
+                self._stages.output.warnings.append(
+                    "a start in motion was still on trial when its segment ended at "
+                    f"{self.current.window.newest.time:.2f} s: its frames are degraded"
+                )
             self.current.finish()
             self.last_reliable = self.current.last_reliable
         self.current = self._trial = None

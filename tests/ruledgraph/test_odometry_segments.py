@@ -127,6 +127,28 @@ def test_a_start_on_moving_things_is_taken_back(monkeypatch):
     assert ate(live, small_simulation(moving=True)) < 0.03
 
 
+def test_a_start_that_a_recordings_end_leaves_on_trial_is_degraded():
+    stream, calibration = small_stream(moving=True)
+    odometry = Odometry(calibration)
+    on_trial = 0
+    for measurement in stream:
+        odometry.add(measurement)
+        if odometry.status == "initializing: the start is on trial":
+            on_trial += isinstance(measurement, Frame)
+        if on_trial == 6:
+            break
+    assert not odometry.take_live()
+    odometry.finish()
+    live, smoothed = odometry.take_live(), odometry.take_smoothed()
+    assert len(live) == 6
+    assert {e.status for e in live + smoothed} == {"degraded"}
+    assert sum("still on trial" in warning for warning in odometry.warnings) == 1
+    # One that was accepted is not.
+    odometry, live, _ = run(stream, calibration)
+    assert "tracking" in {e.status for e in live}
+    assert not any("still on trial" in warning for warning in odometry.warnings)
+
+
 def mirrored(measurements, after: float):
     """From so many s on the images are mirrored: they move against what the IMU feels."""
     start = frames(measurements)[0].stamp
