@@ -91,12 +91,12 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "integrity/variance_factor.py",
         "integrity/test_variance_factor",
         (
-            ("if told and told[0].time <= time - self._window:", "if told:"),
+            ("if told and told[0].time <= innovation.since:", "if told:"),
             ("(quantile / _SIGMAS) ** 2", "quantile / _SIGMAS"),
             ("kept * self.nis", "self.nis"),
             ("len(told) > 1 and told[1].time", "len(told) > 1 and told[0].time"),
-            ("most * expected * innovation.dof", "most * innovation.dof"),
-            ("fdtri(innovation.dof, known, conf", "fdtri(known, innovation.dof, conf"),
+            ("return dof * expected * float(", "return dof * float("),
+            ("fdtri(dof, known, conf", "fdtri(known, dof, conf"),
         ),
     ),
     (

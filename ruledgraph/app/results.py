@@ -20,7 +20,7 @@ from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import MachineError, RuledgraphError
-from ruledgraph.core.estimates import Estimate, Innovation, LineEstimate
+from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.line_file import LineFile, write_whole
 from ruledgraph.core.settings import config_text
 from ruledgraph.core.trajectory import TumWriter, seconds
@@ -221,10 +221,9 @@ def _state_row(estimate: Estimate, gravity: FloatArray) -> list[Any]:
             estimate.time_offset,
         ]
     )
-    # Empty where there is none.
-    innovation: Sequence[float] = estimate.innovation or ()
-    shown = [f"{number:.9g}" for number in (*numbers, *innovation)]
-    shown += [""] * (len(Innovation._fields) - len(innovation))
+    shown = [f"{number:.9g}" for number in numbers]
+    innovation = estimate.innovation
+    shown += ["", ""] if innovation is None else [f"{innovation.nis:.9g}", f"{innovation.dof}"]
     return [seconds(estimate.stamp), *shown, estimate.lines, estimate.status, estimate.segment]
 
 

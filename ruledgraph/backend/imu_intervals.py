@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """From one state to the next by the IMU."""
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import gtsam
 import numpy as np
@@ -12,8 +14,10 @@ from ruledgraph.backend.extrinsics import ExtrinsicsState
 from ruledgraph.backend.states import Interval, StateNode
 from ruledgraph.backend.time_offset import TimeOffsetState
 from ruledgraph.calibration.sensors import ImuNoise
+from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.config import StartConfig
 from ruledgraph.imu.buffer import ImuBuffer, params_across
-from ruledgraph_factors import preintegrate_frames
+from ruledgraph_factors import ImuSamples, preintegrate_frames
 
 
 def imu_interval(
@@ -47,15 +51,11 @@ def imu_interval(
         first = min(interval.start for interval in unreliable)
         reliable_frames = max(int(repeats_frame), sum(time <= first for time in times))
     samples = imu.between(node.time, times[-1])
-    preintegrated = gtsam.PreintegratedCombinedMeasurements(params, node.bias)
-    for segment in samples.segments(node.time, times[-1], at=times, bias=node.bias):
-        preintegrated.integrateMeasurement(*segment)
+    preintegrated = _preintegrated(node, times, samples, params)
     if still:
         state = gtsam.NavState(node.state.pose(), np.zeros(3))
     else:
         state = preintegrated.predict(node.state, node.bias)
-    k = node.index
-    factor = gtsam.CombinedImuFactor(X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1), preintegrated)
     # At rest the noise of the gyroscope would make the offset look observable.
     timed = time_offset is not None and not still
     motion = preintegrate_frames(samples, node.time, times, node.bias, with_time=timed)
@@ -64,11 +64,72 @@ def imu_interval(
         list(stamps),
         motion,
         imu.gravity,
-        [factor],
+        [_factor(node, preintegrated)],
         reliable_frames,
         repeats_frame,
         time_offset,
         extrinsics,
         still,
     )
-    return interval, StateNode(k + 1, times[-1], state, node.bias, node.covariance)
+    return interval, StateNode(node.index + 1, times[-1], state, node.bias, node.covariance)
+
+
+def let_jump(
+    interval: Interval,
+    new: StateNode,
+    jump: FloatArray,
+    imu: ImuBuffer,
+    noise: ImuNoise,
+    config: StartConfig,
+) -> None:
+    """Let the biases jump at any time in an interval, by as much as they are unknown before a
+    start: that much the mean of its samples may be off (white noise), and the biases at its end
+    differ from those before (random walk). The state at its end is predicted with the jump.
+
+    Its frames are guesses then: a line's factor knows the biases before the jump alone.
+
+    Args:
+        interval: with its IMU factor, which is replaced.
+        new: the state at its end, which is replaced.
+        jump: of accelerometer and gyroscope, (6,).
+        imu: samples that cover it.
+        noise: of the IMU.
+        config: what is known of biases before a start.
+    """
+    node = interval.node
+    root = math.sqrt(new.time - node.time)
+    jumping = replace(
+        noise,
+        accelerometer=math.hypot(noise.accelerometer, config.accelerometer_bias * root),
+        gyroscope=math.hypot(noise.gyroscope, config.gyroscope_bias * root),
+        accelerometer_walk=config.accelerometer_bias / root,
+        gyroscope_walk=config.gyroscope_bias / root,
+    )
+    params = jumping.preintegration_params(imu.gravity)
+    times = (node.time + interval.motion.elapsed).tolist()
+    preintegrated = _preintegrated(node, times, imu.between(node.time, new.time), params)
+    interval.imu_factors[0] = _factor(node, preintegrated)
+    interval.reliable_frames = int(interval.repeats_frame)
+    changed = node.bias.vector() + jump
+    new.bias = gtsam.imuBias.ConstantBias(changed[:3], changed[3:])
+    if not interval.still:
+        new.state = preintegrated.predict(node.state, new.bias)
+
+
+def _preintegrated(
+    node: StateNode,
+    times: Sequence[float],
+    samples: ImuSamples,
+    params: gtsam.PreintegrationCombinedParams,
+) -> gtsam.PreintegratedCombinedMeasurements:
+    preintegrated = gtsam.PreintegratedCombinedMeasurements(params, node.bias)
+    for segment in samples.segments(node.time, times[-1], at=times, bias=node.bias):
+        preintegrated.integrateMeasurement(*segment)
+    return preintegrated
+
+
+def _factor(
+    node: StateNode, preintegrated: gtsam.PreintegratedCombinedMeasurements
+) -> gtsam.CombinedImuFactor:
+    k = node.index
+    return gtsam.CombinedImuFactor(X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1), preintegrated)

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How far the images moved a state from where the IMU had predicted it, a window before."""
 
+import math
+
 import gtsam
 import numpy as np
 
@@ -47,10 +49,19 @@ class Predictions:
     def __init__(self, longest: float) -> None:
         self._longest = longest
         self._predictions: list[Prediction] = []
+        self._begin = -math.inf
 
     def begin_at(self, node: StateNode) -> None:
         """Predict from a state on that was solved for."""
-        self._predictions.append(Prediction(node))
+        if node.time >= self._begin:
+            self._predictions.append(Prediction(node))
+
+    def restart(self, time: float) -> None:
+        """After a jump of the biases at a time, s: as long as it is in the window, most of a
+        prediction's covariance is the jump's, and an innovation tells nothing of the noise.
+        """
+        self._predictions.clear()
+        self._begin = time + self._longest
 
     def carry_on(self, interval: Interval, time: float, imu: ImuBuffer, noise: ImuNoise) -> None:
         """To a new state, at a time (s), at the end of an interval."""
@@ -64,12 +75,15 @@ class Predictions:
         covariance is none, as when the smoother has failed.
         """
         try:
-            return innovation(self._predictions[0], found) if self._predictions else None
+            oldest = self._predictions[0] if self._predictions else None
+            return None if oldest is None else innovation(oldest, found, oldest.since)
         except np.linalg.LinAlgError:
             return None
 
 
-def innovation(predicted: StateWithCovariance, found: StateWithCovariance) -> Innovation:
+def innovation(
+    predicted: StateWithCovariance, found: StateWithCovariance, since: float
+) -> Innovation:
     """The normalised innovation squared that a state has taken up.
 
     With the prediction x- of covariance P- and the estimate x of covariance P, updates with the
@@ -79,7 +93,8 @@ def innovation(predicted: StateWithCovariance, found: StateWithCovariance) -> In
 
     with u_i and gain_i from the eigenvectors of P- - P in coordinates in which P- is the identity.
     It is chi-square, with one degree of freedom for each direction in which the variance fell by a
-    tenth or more; the others, such as place and heading, the images say nothing of.
+    tenth or more; the others, such as place and heading, the images say nothing of. `since` (s) is
+    when the prediction began.
 
     Raises:
         numpy.linalg.LinAlgError: when P- is not positive definite.
@@ -102,4 +117,5 @@ def innovation(predicted: StateWithCovariance, found: StateWithCovariance) -> In
     shares, axes = np.linalg.eigh(np.eye(len(moved)) - 0.5 * (remaining + remaining.T))
     told = shares > _LEAST_GAIN
     steps = axes[:, told].T @ whitened[:, -1]
-    return Innovation(float(np.sum(steps**2 / shares[told])), int(np.count_nonzero(told)))
+    nis = float(np.sum(steps**2 / shares[told]))
+    return Innovation(nis, int(np.count_nonzero(told)), since)

@@ -20,7 +20,7 @@ from ruledgraph.backend.line_factors import (
     observation,
 )
 from ruledgraph.backend.start import InitialLine
-from ruledgraph.backend.states import Interval
+from ruledgraph.backend.states import Interval, LineObservation
 from ruledgraph.core.config import LinesConfig
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.line_observations import LineTrack, Sighting
@@ -77,11 +77,15 @@ class LineGraphBuilder:
         sightings: Sequence[Sighting],
         now: float,
         update: GraphUpdate,
+        made: LineObservation | None = None,
     ) -> None:
-        """Add the factor of a line over the frames `index` of an interval that ends `now`, s."""
+        """Add the factor of a line over the frames `index` of an interval that ends `now`, s.
+
+        The observation may be `made` already.
+        """
         if not index:
             return
-        seen = observation(interval, line, index, sightings, self._model)
+        seen = made or observation(interval, line, index, sightings, self._model)
         interval.observations.append(seen)
         update.factors.add(seen.factor)
         line.points += sum(len(sighting.points) for sighting in sightings)

@@ -15,11 +15,11 @@ import numpy as np
 from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother
 from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.landmarks import Landmark, record_extent
-from ruledgraph.backend.line_factors import EdgeModel
+from ruledgraph.backend.line_factors import EdgeModel, observation
 from ruledgraph.backend.line_fit import line_fit
 from ruledgraph.backend.line_graph_builder import ImpossibleLineError, LineGraphBuilder
 from ruledgraph.backend.start import InitialLine
-from ruledgraph.backend.states import Interval
+from ruledgraph.backend.states import Interval, LineObservation
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack
@@ -51,8 +51,9 @@ class LineMap:
         self._dropped: list[Landmark] = []
         self._config = config.lines
         self._min_track_age = config.tracks.min_track_age
-        self._model = EdgeModel.of(calibration, config)
-        self._builder = LineGraphBuilder(self._model, config.lines, initial_lines)
+        self.model = EdgeModel.of(calibration, config)
+        """Of the camera and its edge points."""
+        self._builder = LineGraphBuilder(self.model, config.lines, initial_lines)
 
     # -- entering --------------------------------------------------------------------------------
 
@@ -62,16 +63,34 @@ class LineMap:
         intervals: Sequence[Interval],
         now: float,
         update: GraphUpdate,
+        made: Mapping[int, LineObservation],
     ) -> None:
-        """Take in what was seen in the newest interval, which ends `now`, s."""
+        """Take in what was seen in the newest interval, which ends `now`, s.
+
+        Observations that are `made` were `compared`.
+        """
         for track in tracks:
             line = self.lines.get(track.id)
             if line is not None:
                 line.in_view = track.in_view
                 seen = intervals[-1].seen(track.sightings)
-                self._builder.observe(intervals[-1], line, *seen, now, update)
+                own = made.get(track.id)
+                self._builder.observe(intervals[-1], line, *seen, now, update, own)
             elif self._is_mature(track, now):
                 self._enter(track, intervals, now, update)
+
+    def compared(
+        self, interval: Interval, tracks: Iterable[LineTrack]
+    ) -> dict[int, LineObservation]:
+        """The lines of the graph, by their ids, with what was seen in an interval that is not in it
+        yet.
+        """
+        lines = [(self.lines.get(track.id), interval.seen(track.sightings)) for track in tracks]
+        return {
+            line.id: observation(interval, line, *seen, self.model)
+            for line, seen in lines
+            if line is not None and seen[0]
+        }
 
     def _is_mature(self, track: LineTrack, time: float) -> bool:
         is_old = time - track.first_time >= self._min_track_age
@@ -132,14 +151,14 @@ class LineMap:
         """Reject lines that do not fit their points in the newest interval, lie behind the camera,
         or are a quarter of a turn from where they were placed first.
         """
-        of_frames = interval.cameras(self._model.body_T_cam)
+        of_frames = interval.cameras(self.model.body_T_cam)
         state = interval.state(np.zeros(4))
         good, cameras, ends = [], [], []
         for seen in interval.observations:
             line, (frame, last_points) = seen.line, seen.last
             if seen.factor.spec.keys[-1] != line.key or self.lines.get(line.id) is not line:
                 continue  # it was just re-anchored, or dropped
-            fit = line_fit(seen, state, self._model, self._config)
+            fit = line_fit(seen, state, self.model, self._config)
             interval.compared += 1
             interval.misfits += fit.is_misfit
             bad = fit.is_misfit or fit.is_behind

@@ -4,12 +4,13 @@
 
 import math
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
+from ruledgraph.backend.bias_jump import JumpTest, bias_jump
 from ruledgraph.backend.graph_update import GraphUpdate
-from ruledgraph.backend.imu_intervals import imu_interval
+from ruledgraph.backend.imu_intervals import imu_interval, let_jump
 from ruledgraph.backend.innovation import Predictions
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_map import LineMap
@@ -59,6 +60,8 @@ class Window:
         """Time of the newest state that was optimised, s."""
         self.innovation: Innovation | None = None
         """Of the newest state, see `Estimate.innovation`."""
+        self.jump_test: JumpTest | None = None
+        """Whether the IMU's biases jumped in the newest interval; None if that cannot be told."""
         self._predictions = Predictions(config.window.lag)
         self._update = GraphUpdate()
         add_priors(self._update.factors, first)
@@ -105,9 +108,10 @@ class Window:
         stamps: Sequence[int],
         times: Sequence[float],
         imu: ImuBuffer,
-        tracks: Iterable[LineTrack],
+        tracks: Collection[LineTrack],
         still: bool,
         offset_correction: float = 0.0,
+        jump_limit: float = math.inf,
     ) -> None:
         """Add a state at the last of the frames that follow the newest one, with its factors.
 
@@ -118,6 +122,7 @@ class Window:
             tracks: of the lines to be taken in, usually all.
             still: whether the body has rested since the newest state, and for some time.
             offset_correction: what was added to the calibration's time offset in `times`, s.
+            jump_limit: from which likelihood ratio on the biases jump, see `bias_jump`.
         """
         before, latest = self.newest, self._states.latest_interval
         repeats_frame = False
@@ -135,6 +140,14 @@ class Window:
             self.self_calibration.extrinsics_of(before),
             still,
         )
+        is_tested = interval.is_reliable and not math.isinf(self.solved)
+        seen = self.line_map.compared(interval, tracks) if is_tested else {}
+        model, observed = self.line_map.model, list(seen.values())
+        test = self.jump_test = bias_jump(interval, observed, model, jump_limit, self._config)
+        if test is not None and test.jumped:
+            let_jump(interval, new, test.jump, imu, self._imu_noise, self._config.start)
+            self._predictions.restart(new.time)
+            seen = {}
         self._update.factors.add(interval.imu_factors[0])
         add_self_calibration(self._update, interval, latest, self._config)
         self.innovation = None
@@ -145,7 +158,7 @@ class Window:
         self._update.insert(new)
         for factor in rest_factors(self.intervals, new.time, self._config.rest):
             self._update.factors.add(factor)
-        self.line_map.observe(tracks, self.intervals, new.time, self._update)
+        self.line_map.observe(tracks, self.intervals, new.time, self._update, seen)
 
     # -- solving ---------------------------------------------------------------------------------
 

@@ -23,7 +23,7 @@ def blocks(covariance: FloatArray) -> Covariances:
 
 class Innovation(NamedTuple):
     """How far the images, or a rest, moved a state from where the IMU alone carries the state of
-    one window before, or of the segment's beginning, if that is later.
+    one window before, or of the segment's beginning or the biases' last jump, if that is later.
     """
 
     nis: float
@@ -31,6 +31,8 @@ class Innovation(NamedTuple):
     figures of IMU and edges are right."""
     dof: int
     """Directions of the state that they told something of."""
+    since: float
+    """Time of the state that is carried, s."""
 
 
 Status = Literal["tracking", "still", "dead reckoning", "degraded"]

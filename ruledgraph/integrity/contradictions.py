@@ -18,17 +18,26 @@ class ImuCheck:
     def __init__(self, warnings: Messages, config: IntegrityConfig) -> None:
         self._warnings = warnings
         self._confidence = config.confidence
+        self._unlikely = False
         self.contradicts = False
         """Whether images and IMU contradict each other."""
 
     def update(
-        self, innovation: Innovation | None, time: float, variance_factor: VarianceFactor
+        self,
+        innovation: Innovation | None,
+        time: float,
+        variance_factor: VarianceFactor,
+        jumped: bool,
     ) -> None:
-        """Take in the innovation of a state, at a time (s), that the factor has not yet."""
-        if innovation is None:
-            return
+        """Take in the innovation of a state, at a time (s), that the factor has not yet, and
+        whether the biases jumped before it, as which a contradiction is solved.
+        """
         before = self.contradicts
-        self.contradicts = variance_factor.is_unlikely(innovation, time, self._confidence)
+        if innovation is not None:
+            self._unlikely = variance_factor.is_unlikely(innovation, time, self._confidence)
+        elif jumped:
+            self._unlikely = False
+        self.contradicts = jumped or self._unlikely
         if self.contradicts and not before:
             self._warnings.append(
                 f"images and IMU disagree since {time:.2f} s: check time offset, extrinsics, the "

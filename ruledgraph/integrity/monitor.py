@@ -10,17 +10,19 @@ that are inflated for errors that the window's marginals do not show.
 - The estimate moves while the body rests.
 """
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
 import gtsam
 import numpy as np
 
+from ruledgraph.backend.bias_jump import JUMP_DOF
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import StateNode
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
-from ruledgraph.core.estimates import Covariances
+from ruledgraph.core.estimates import Covariances, Innovation
 from ruledgraph.core.timing import Messages
 from ruledgraph.integrity.contradictions import ImuCheck, LineCheck
 from ruledgraph.integrity.gauge import GaugeUncertainty
@@ -57,7 +59,8 @@ class IntegrityMonitor:
         self._start_gauge = self._base_gauge = gauge_uncertainty
         self._imu = ImuCheck(warnings, config.integrity)
         self._lines = LineCheck(warnings, config.integrity)
-        self._variance = VarianceFactor(config.integrity, config.window.lag)
+        self._variance = VarianceFactor(config.integrity)
+        self._of_jumps, self._window = VarianceFactor(config.integrity), config.window.lag
         self._parallel = ParallelLines(config.integrity)
         self._rest = RestSlide(warnings, config.rest.slide_warning)
         self._inflation = _Inflation(1.0, np.zeros((3, 3)), np.zeros((3, 3)))
@@ -89,12 +92,23 @@ class IntegrityMonitor:
         """Whether all lines have been parallel for long."""
         return self._parallel.for_long
 
+    def jump_limit(self, confirmed: bool) -> float:
+        """From which likelihood ratio on the IMU's biases jump, see `bias_jump`: an F-test. They do
+        not while a start is on trial, where a contradiction speaks against the start, or where many
+        lines did not fit before: it speaks against these. The noise is that of the ratios before.
+        """
+        if not (confirmed and self.agrees):
+            return math.inf
+        return self._of_jumps.most(JUMP_DOF, self._limits.confidence)
+
     def update(self, window: Window, still: bool) -> None:
         """Take in the newest state, optimised, and whether the body has been at rest until then."""
         node = window.newest
         disagreed = self.disagree
-        self._imu.update(window.innovation, node.time, self._variance)
+        jumped = window.jump_test is not None and window.jump_test.jumped
+        self._imu.update(window.innovation, node.time, self._variance, jumped)
         self._variance.update(window.innovation, node.time)
+        self._keep_jump_ratio(window)
         self._lines.update(window, still)
         if disagreed and not self.disagree:
             self._keep_error(node)
@@ -104,6 +118,14 @@ class IntegrityMonitor:
         more = self._inflation.added - (self._inflation.factor - 1.0) * _of_position(node)
         position = self._base_gauge.position + self._parallel.covariance() + self._rest.covariance()
         self._gauge = replace(self._base_gauge, position=position + more)
+
+    def _keep_jump_ratio(self, window: Window) -> None:
+        """All of one window, whose lines and motion they have in common, count as one."""
+        test = window.jump_test
+        if test is not None and not test.jumped:
+            since, time = window.intervals[-1].node.time, window.newest.time
+            share = min(1.0, (time - since) / self._window)
+            self._of_jumps.update(Innovation(test.ratio, JUMP_DOF, since), time, share)
 
     def _add_to_gauge(self, position: FloatArray) -> None:
         """Add a covariance of the position, (3, 3), for good."""

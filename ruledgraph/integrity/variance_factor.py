@@ -16,7 +16,7 @@ _SIGMAS = 3.0
 
 
 class _Told(NamedTuple):
-    """By the innovations of a window, of the one that ended where it began, and so on."""
+    """By an innovation, the one that ended where its prediction began, and so on."""
 
     time: float
     nis: float
@@ -25,6 +25,12 @@ class _Told(NamedTuple):
     def faded(self, time: float, memory: float) -> "_Told":
         kept = math.exp((self.time - time) / memory)
         return _Told(time, kept * self.nis, kept * self.dof)
+
+    def most(self, prior: float, dof: int, confidence: float) -> float:
+        """The largest sum of squares over so many degrees of freedom, with a confidence."""
+        known = prior + self.dof
+        expected = max(1.0, (prior + self.nis) / known)
+        return dof * expected * float(fdtri(dof, known, confidence))
 
 
 class VarianceFactor:
@@ -40,21 +46,20 @@ class VarianceFactor:
 
         C (t / 3)^2 (prior + sum w_k nis_k) / n,    n = prior + sum w_k dof_k.
 
-    An innovation is of a window: those of the newest window, the one before it and so on count,
-    which are independent, the older the less.
+    Innovations of states whose predictions began while another one's went on share its errors: the
+    newest one counts, the one that ended when the newest one's prediction began, and so on, which
+    are independent, the older the less.
 
     Source: Gelman et al., Bayesian Data Analysis (3rd edition, 2013), 3.2; Mikhail and Ackermann,
     Observations and Least Squares (1976), a posteriori variance factor.
 
     Args:
         config: `variance_prior` and `variance_memory`.
-        window: length of one, s.
     """
 
-    def __init__(self, config: IntegrityConfig, window: float) -> None:
+    def __init__(self, config: IntegrityConfig) -> None:
         self._prior = config.variance_prior
         self._memory = config.variance_memory
-        self._window = window
         self._told: deque[_Told] = deque()
         self._newest = _Told(0.0, 0.0, 0.0)
 
@@ -69,8 +74,14 @@ class VarianceFactor:
         quantile = float(stdtrit(self._prior + self._newest.dof, ndtr(_SIGMAS)))
         return self.estimate * (quantile / _SIGMAS) ** 2
 
+    def most(self, dof: int, confidence: float) -> float:
+        """The sum of squares over so many degrees of freedom, which is (nis) with this confidence
+        no larger by the noise figures and what is known of s^2.
+        """
+        return self._newest.most(self._prior, dof, confidence)
+
     def is_unlikely(self, innovation: Innovation, time: float, confidence: float) -> bool:
-        """Whether an innovation needs more noise than the figures and the windows before it show.
+        """Whether an innovation needs more noise than the figures and those before it show.
 
         An F-test: with s^2 of n degrees of freedom by these, (nis / dof) / s^2 ~ F(dof, n).
 
@@ -79,26 +90,27 @@ class VarianceFactor:
             time: of this state, s.
             confidence: with which it is unlikely.
         """
-        before = self._before(time)
-        known = self._prior + before.dof
-        expected = max(1.0, (self._prior + before.nis) / known)
-        most = float(fdtri(innovation.dof, known, confidence))
-        return innovation.nis > most * expected * innovation.dof
+        before = self._before(innovation, time)
+        return innovation.nis > before.most(self._prior, innovation.dof, confidence)
 
-    def update(self, innovation: Innovation | None, time: float) -> None:
-        """Take in the innovation of a state at a time, s."""
+    def update(self, innovation: Innovation | None, time: float, share: float = 1.0) -> None:
+        """Take in the innovation of a state at a time, s; a share of it where others follow that
+        have errors in common with it.
+        """
         if innovation is None:
             self._newest = self._newest.faded(time, self._memory)
             return
-        before = self._before(time)
-        self._newest = _Told(time, innovation.nis + before.nis, innovation.dof + before.dof)
+        before = self._before(innovation, time)
+        self._newest = _Told(
+            time, share * innovation.nis + before.nis, share * innovation.dof + before.dof
+        )
         self._told.append(self._newest)
 
-    def _before(self, time: float) -> _Told:
-        """What was told before the window that ends at a time, s."""
+    def _before(self, innovation: Innovation, time: float) -> _Told:
+        """What was told before the prediction began of which this is, faded until a time, s."""
         told = self._told
-        while len(told) > 1 and told[1].time <= time - self._window:
+        while len(told) > 1 and told[1].time <= innovation.since:
             told.popleft()
-        if told and told[0].time <= time - self._window:
+        if told and told[0].time <= innovation.since:
             return told[0].faded(time, self._memory)
         return _Told(time, 0.0, 0.0)

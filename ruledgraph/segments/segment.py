@@ -126,7 +126,7 @@ class TrajectorySegment:
         """Add a state at the last of the frames that follow the newest one, and solve."""
         frames = self._stages.sensors.frames.after(self.window.newest.time)
         time, solved = frames[-1].time, self.window.solved
-        still = self._is_still(time)
+        still = self._stages.rest.is_still(time, self.window.rests_since)
         idle = still and self.confirmed and time - solved < self._idle_interval - EARLY
         moved = self.state.position() - self.window.newest.state.position()
         if idle and self._stages.rest.is_unmoved(solved, moved):
@@ -137,18 +137,17 @@ class TrajectorySegment:
             self._extend(frames, still)
             self._optimize()
 
-    def _is_still(self, time: float) -> bool:
-        return self._stages.rest.is_still(time, self.window.rests_since)
-
     def _add_state(self, frames: Sequence[FrameTime]) -> None:
-        self._extend(frames, self._is_still(frames[-1].time))
+        rests_since = self.window.rests_since
+        self._extend(frames, self._stages.rest.is_still(frames[-1].time, rests_since))
 
     def _extend(self, frames: Sequence[FrameTime], still: bool, observe_lines: bool = True) -> None:
         self._still = still
         sensors, front_end = self._stages.sensors, self._stages.front_end
         stamps, times = [f.stamp for f in frames], [f.time for f in frames]
         tracks = front_end.observed() if observe_lines else []
-        self.window.extend(stamps, times, sensors.imu, tracks, still, sensors.offset_correction)
+        correction, limit = sensors.offset_correction, self.monitor.jump_limit(self.confirmed)
+        self.window.extend(stamps, times, sensors.imu, tracks, still, correction, limit)
         front_end.mark_lost(self.window.line_map.take_rejected())
 
     def _optimize(self) -> None:

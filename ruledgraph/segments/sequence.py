@@ -218,10 +218,8 @@ class SegmentSequence:
         """Hand out what is still in the window."""
         if self.current is not None:
             if self._trial is not None:
-                self._stages.output.warnings.append(
-                    "a start in motion was still on trial when its segment ended at "
-                    f"{self.current.window.newest.time:.2f} s: its frames are degraded"
-                )
+                at = f"on trial when its segment ended at {self.current.window.newest.time:.2f} s"
+                self._stages.output.warnings.append(f"a start was {at}: its frames are degraded")
             self.current.finish()
             self.last_reliable = self.current.last_reliable
         self.current = self._trial = None

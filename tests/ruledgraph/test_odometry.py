@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ruledgraph
-from ruledgraph.core.measurements import Frame
+from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.core.settings import load_config
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.odometry import Odometry
@@ -111,6 +111,30 @@ def test_memory_of_a_run_does_not_grow():
     kept = odometry.config.window.lag + 1.0
     assert len(odometry.window.nodes) < 10 * kept
     assert all(len(track.sightings) < 30 * kept for track in odometry.tracker.tracks)
+
+
+@pytest.mark.parametrize("jump", [[0.0, 1.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.05, 0.0, 0.0]])
+def test_biases_that_jump_are_found_anew(jump):
+    stream, calibration = small_stream(moving=True)
+    at = stream[0].stamp + 2_500_000_000
+    _, usual, _ = run(stream, calibration)
+    jumping = [
+        m._replace(accelerometer=m.accelerometer + jump[:3], gyroscope=m.gyroscope + jump[3:])
+        if isinstance(m, ImuSample) and m.stamp > at
+        else m
+        for m in stream
+    ]
+    odometry, live, _ = run(jumping, calibration)
+    assert sum("images and IMU disagree" in warning for warning in odometry.warnings) == 1
+    # Told at the state after it, and over at the next one.
+    told = [e.stamp for e in live if e.status == "degraded"]
+    assert at < told[0] < at + 300_000_000
+    assert told[-1] < told[0] + 250_000_000
+    assert {e.segment for e in live} == {0}
+    assert ate(live, small_simulation(moving=True)) < 0.02  # 0.36 m and 0.05 m without
+    off = live[-1].bias.vector() - usual[-1].bias.vector() - jump
+    assert np.abs(off[:3]).max() < 0.1
+    assert np.abs(off[3:]).max() < 0.005
 
 
 def test_the_papers_points_work_too():

@@ -142,11 +142,11 @@ def test_a_start_that_a_recordings_end_leaves_on_trial_is_degraded():
     live, smoothed = odometry.take_live(), odometry.take_smoothed()
     assert len(live) == 6
     assert {e.status for e in live + smoothed} == {"degraded"}
-    assert sum("still on trial" in warning for warning in odometry.warnings) == 1
+    assert sum("was on trial" in warning for warning in odometry.warnings) == 1
     # One that was accepted is not.
     odometry, live, _ = run(stream, calibration)
     assert "tracking" in {e.status for e in live}
-    assert not any("still on trial" in warning for warning in odometry.warnings)
+    assert not any("was on trial" in warning for warning in odometry.warnings)
 
 
 def mirrored(measurements, after: float):

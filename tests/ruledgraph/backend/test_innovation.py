@@ -51,7 +51,7 @@ def test_it_is_that_of_the_measurement(rows: int) -> None:
     rng = np.random.default_rng(rows)
     before, gain, after, S = kalman(rng, rows, 0.5)
     unexpected = np.linalg.cholesky(S) @ rng.normal(size=rows)
-    found = innovation(moved(np.zeros(15), before), moved(gain @ unexpected, after))
+    found = innovation(moved(np.zeros(15), before), moved(gain @ unexpected, after), 0.0)
     assert found.dof == rows
     assert found.nis == pytest.approx(unexpected @ np.linalg.solve(S, unexpected), rel=1e-5)
 
@@ -61,7 +61,7 @@ def test_it_is_chi_square() -> None:
     before, gain, after, S = kalman(rng, 5, 1.0)
     root, predicted = np.linalg.cholesky(S), moved(np.zeros(15), before)
     steps = (gain @ root @ rng.normal(size=(5, 400))).T
-    values = [innovation(predicted, moved(step, after)).nis for step in steps]
+    values = [innovation(predicted, moved(step, after), 0.0).nis for step in steps]
     # The mean of 400 has a standard deviation of 3 % of 5, the shares one of 1 %.
     assert np.mean(values) == pytest.approx(5.0, rel=0.1)
     assert np.mean(np.array(values) > chi2.ppf(0.95, 5)) == pytest.approx(0.05, abs=0.035)
@@ -74,7 +74,7 @@ def test_directions_that_are_not_told_do_not_count() -> None:
     after[6:9, 6:9] *= 0.2
     step = np.zeros(15)
     step[3:6], step[6:9] = 0.5, 0.01
-    found = innovation(moved(np.zeros(15), before), moved(step, after))
+    found = innovation(moved(np.zeros(15), before), moved(step, after), 0.0)
     assert found.dof == 3
     # 3 (0.01 m/s)^2 over the variance that is gone.
     assert found.nis == pytest.approx(3 * 0.01**2 / 0.8e-4, rel=1e-6)
@@ -122,9 +122,10 @@ def test_a_state_is_compared_with_what_the_imu_makes_of_one_a_window_before() ->
             motion.velocities(state, predicted.bias, gravity)[0],
         )
         predicted = StateNode(0, time, carried, predicted.bias, covariance)
-    expected = innovation(predicted, newest)
+    expected = innovation(predicted, newest, since)
     assert window.innovation is not None
     assert window.innovation.dof == expected.dof
+    assert window.innovation.since == since
     assert window.innovation.nis == pytest.approx(expected.nis, rel=0.02)
 
 

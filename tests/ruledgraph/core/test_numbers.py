@@ -14,6 +14,15 @@ STAGES = ("frontend", "backend", "integrity", "imu")
 NUMERICS = "guards against dividing by nothing"
 MEMORY = "bounds memory or work"
 ALLOWED = {
+    "backend/bias_jump.py": {
+        "JUMP_DOF": "three axes of two sensors",
+        "_CONVERGED": "far below one, a standard deviation",
+        "_MOST_ITERATIONS": MEMORY,
+        "_KNOWN": "three standard deviations",
+        "_OF_FRAME": "offset and slope of a line in an image",
+        "_OF_LINE": "these and their rates",
+        "_QUADRATIC": NUMERICS,
+    },
     "backend/innovation.py": {"_LEAST_GAIN": "below it what images tell is lost in linearisation"},
     "backend/landmarks.py": {"_KEPT": MEMORY, "_INFINITE": NUMERICS, "_PARALLEL": NUMERICS},
     "backend/line_fit.py": {"_AT_INFINITY": NUMERICS},

@@ -4,9 +4,11 @@
 import gtsam
 import numpy as np
 import pytest
+from scipy.stats import f as f_ratio
 from scipy.stats import norm, t
 
 from ideal_tracks import CALIBRATION, MANY, ideal_tracks, start_of
+from ruledgraph.backend.bias_jump import JumpTest
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.config import Config, IntegrityConfig
 from ruledgraph.core.estimates import Innovation
@@ -71,14 +73,56 @@ def test_stamps_that_are_off_are_reported():
 
 def test_what_disagrees_is_said_once_and_lasts_until_an_innovation_says_otherwise():
     warnings, config = Messages(), IntegrityConfig()
-    check, factor = ImuCheck(warnings, config), VarianceFactor(config, 2.5)
-    for time, innovation in ((1.0, Innovation(9e3, 9)), (2.0, None), (3.0, Innovation(8e3, 9))):
-        check.update(innovation, time, factor)
+    check, factor = ImuCheck(warnings, config), VarianceFactor(config)
+    far, near = Innovation(9e3, 9, -2.0), Innovation(9.0, 9, 1.5)
+    for time, innovation in ((1.0, far), (2.0, None), (3.0, far)):
+        check.update(innovation, time, factor, False)
         assert check.contradicts
     assert list(warnings) == [warnings[0]]
     assert "since 1.00 s" in warnings[0]
-    check.update(Innovation(9.0, 9), 4.0, factor)
+    check.update(near, 4.0, factor, False)
     assert not check.contradicts
+
+
+@pytest.mark.parametrize("before", [Innovation(9e3, 9, -2.0), None])
+def test_biases_that_jump_are_a_contradiction_that_is_solved(before):
+    warnings, config = Messages(), IntegrityConfig()
+    check, factor = ImuCheck(warnings, config), VarianceFactor(config)
+    check.update(before, 1.0, factor, False)
+    check.update(None, 2.0, factor, True)
+    assert check.contradicts
+    assert len(warnings) == 1
+    check.update(None, 3.0, factor, False)
+    assert not check.contradicts
+
+
+def test_nothing_jumps_while_a_start_is_on_trial_or_many_lines_do_not_fit():
+    _, monitor, _ = run()
+    assert np.isinf(monitor.jump_limit(confirmed=False))
+    assert np.isfinite(monitor.jump_limit(confirmed=True))
+    _, misfit, _ = compared(misfits=3)
+    assert np.isinf(misfit.jump_limit(confirmed=True))
+
+
+def test_a_jump_is_held_against_the_ratios_before_of_which_those_of_a_window_count_as_one():
+    config = Config.model_validate({"integrity": {"variance_memory": 1e4}})
+    window, _, _ = run()
+    monitor = IntegrityMonitor(GaugeUncertainty(), Messages(), config)
+    window.jump_test = JumpTest(30.0, np.inf, np.zeros(6))
+    for _ in range(2 * round(config.window.lag / 0.1)):  # intervals of 0.1 s, of two windows
+        monitor.update(window, False)
+        window.newest.time += 0.1
+        window.intervals[-1].node.time += 0.1
+    limits = config.integrity
+    known = limits.variance_prior + 2 * 6
+    factor = (limits.variance_prior + 2 * 30.0) / known
+    expected = 6.0 * factor * f_ratio.ppf(limits.confidence, 6, known)
+    assert monitor.jump_limit(confirmed=True) == pytest.approx(expected, rel=1e-3)
+    # The first one is of the noise figures alone.
+    window.jump_test, fresh = None, IntegrityMonitor(GaugeUncertainty(), Messages(), config)
+    fresh.update(window, False)
+    alone = 6.0 * f_ratio.ppf(limits.confidence, 6, limits.variance_prior)
+    assert fresh.jump_limit(confirmed=True) == pytest.approx(alone, rel=1e-6)
 
 
 def nearly_parallel(degrees: float) -> np.ndarray:
@@ -174,7 +218,7 @@ def tell(window: Window, factor: float, later: float = 100.0) -> None:
     window.newest.time += later
     for interval in window.intervals:
         interval.node.time += later
-    window.innovation = Innovation(1e9 * factor, 10**9)
+    window.innovation = Innovation(1e9 * factor, 10**9, window.newest.time - 2.5)
 
 
 @pytest.mark.parametrize("factor", [9.0, 0.5])
@@ -193,7 +237,7 @@ def test_covariances_have_the_bounds_of_students_t():
     """Of 5 degrees of freedom of the noise figures and 10 of an innovation."""
     window, monitor, _ = run()
     tell(window, 1.0)
-    window.innovation = Innovation(90.0, 10)
+    window.innovation = Innovation(90.0, 10, window.newest.time - 2.5)
     monitor.update(window, False)
     state, own = window.newest.state, window.newest.covariances
     reported = monitor.covariances(own, state.pose(), state.velocity())

@@ -1,0 +1,163 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whether the IMU's biases jumped in the newest interval: an acceleration or a rate that the images
+do not show, such as a knock, a lift, or a sensor that warms up.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.special import fdtri
+
+from ruledgraph.backend.landmarks import Landmark
+from ruledgraph.backend.line_factors import EdgeModel
+from ruledgraph.backend.states import Interval, LineObservation
+from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.config import Config
+
+JUMP_DOF = 6
+"""Accelerometer and gyroscope, three axes each."""
+# Numbers that points without scatter tell of a line in a frame, and in an interval: rates, too.
+_OF_FRAME, _OF_LINE = 2, 4
+# Standard deviations that a line's inverse distance is from none, for its distance to be known.
+_KNOWN = 3.0
+# Of the reweighted least squares, which end where the cost changes by less.
+_MOST_ITERATIONS, _CONVERGED = 20, 1e-3
+# Scale of a loss that is not robust, in standard deviations.
+_QUADRATIC = 1e4
+
+
+class JumpTest(NamedTuple):
+    """Of whether the biases jumped."""
+
+    ratio: float
+    """Log of the likelihood ratio, doubled: without a jump, but for the loss, a chi-square of six
+    degrees of freedom at most, times the variance factor."""
+    least: float
+    """Of a jump."""
+    jump: FloatArray
+    """The most likely one, accelerometer first, (6,)."""
+
+    @property
+    def jumped(self) -> bool:
+        """Whether they did."""
+        return self.ratio > self.least
+
+
+class _Lines(NamedTuple):
+    """Lines against their points, by an error x of the state before: |value + jacobian x|^2 of each
+    with a Cauchy loss.
+    """
+
+    value: FloatArray
+    """Whitened, of all lines one after another, (rows,)."""
+    jacobian: FloatArray
+    """(rows, 15)."""
+    begins: NDArray[np.int64]
+    """First row of each line."""
+    scale2: FloatArray
+    """Of each line's loss, squared."""
+
+    def least_cost(self, covariance: FloatArray) -> tuple[float, FloatArray]:
+        """Of x ~ N(0, covariance): minus twice the log of what is most likely, and this x.
+
+        By iteratively reweighted least squares, which begin with equal weights: lines that all miss
+        by much agree with each other, not with the state.
+        """
+        information = cho_solve(cho_factor(covariance), np.eye(15))
+        rows = np.diff(np.append(self.begins, len(self.value)))
+        weights = np.ones(len(self.begins))
+        none = np.zeros(15)
+        found = [(self._cost(none, information)[0], none)]
+        for _ in range(_MOST_ITERATIONS):
+            weighted = np.repeat(weights, rows)[:, None] * self.jacobian
+            normal = cho_factor(information + weighted.T @ self.jacobian)
+            x = -cho_solve(normal, weighted.T @ self.value)
+            cost, squares = self._cost(x, information)
+            found.append((cost, x))
+            if abs(cost - found[-2][0]) < _CONVERGED:
+                break
+            weights = 1.0 / (1.0 + squares)
+        return min(found, key=lambda one: one[0])
+
+    def _cost(self, x: FloatArray, information: FloatArray) -> tuple[float, FloatArray]:
+        """And the squared norm of each line, in units of its loss's scale."""
+        of_rows = np.square(self.value + self.jacobian @ x)
+        squares = np.add.reduceat(of_rows, self.begins) / self.scale2
+        return float(self.scale2 @ np.log1p(squares) + x @ information @ x), squares
+
+
+def bias_jump(
+    interval: Interval,
+    seen: Sequence[LineObservation],
+    model: EdgeModel,
+    most: float,
+    config: Config,
+) -> JumpTest | None:
+    """A likelihood ratio test of whether the biases jumped; None of too few lines.
+
+    Of two hypotheses: the state before the interval is off by x ~ N(0, P), its marginal covariance;
+    or its biases are, besides, as unknown as before a start. Lines count with their marginal
+    covariances, if their distances are known: else their errors are those of one prior. The ratio
+    is that of the maxima over x,
+
+        2 log(p_jump / p_none).
+
+    Where it is larger than it would be by chance they jumped. That has to explain the lines, too,
+    by an F-test (`integrity.confidence`) of the ratio against what a jump leaves of their misfits:
+    lines that it does not explain either, as where edges are noisier than their figure, say nothing
+    of it. The innovation of the state does not show what this does: with a robust loss lines that
+    all contradict the IMU are outliers, and the state stays where it was predicted.
+
+    Args:
+        interval: the newest one, its state not corrected by it yet.
+        seen: lines in it that were estimated without it.
+        model: of their points.
+        most: what the ratio may be by chance.
+        config: all settings; `start` says what is known of biases before one.
+
+    Source: Willsky and Jones, A generalized likelihood ratio approach to the detection and
+    estimation of jumps in linear systems, IEEE Transactions on Automatic Control 21 (1976).
+    """
+    known = interval.node.covariance
+    seen = [each for each in seen if _is_distance_known(each.line)]
+    left = _OF_LINE * len(seen) - len(known) - JUMP_DOF
+    if left <= 0:
+        return None
+    lines = _whitened(interval, seen, model)
+    start, confidence = config.start, config.integrity.confidence
+    sigmas = np.repeat([start.accelerometer_bias, start.gyroscope_bias], 3)
+    unknown = known + block_diag(np.zeros((9, 9)), np.diag(sigmas**2))
+    try:
+        (none, _), (jump, x) = lines.least_cost(known), lines.least_cost(unknown)
+    except np.linalg.LinAlgError:  # no covariance: the smoother has failed
+        return None
+    numbers = _OF_FRAME * sum(len(each.points.statistics) for each in seen)
+    least = JUMP_DOF * jump / numbers * float(fdtri(JUMP_DOF, left, confidence))
+    return JumpTest(none - jump, max(most, least), x[9:])
+
+
+def _is_distance_known(line: Landmark) -> bool:
+    inverse, sigma = line.inverse_distance()
+    return inverse > _KNOWN * sigma
+
+
+def _whitened(interval: Interval, seen: Sequence[LineObservation], model: EdgeModel) -> _Lines:
+    values, jacobians, scales = [], [], []
+    for observation in seen:
+        line = observation.line
+        found = observation.factor.evaluate(interval.state(line.delta), True)
+        assert found.jacobian is not None  # noqa: S101 - it was asked for
+        by_line = found.jacobian[:, -4:] / model.sigma
+        root = np.linalg.cholesky(np.eye(len(by_line)) + by_line @ line.covariance @ by_line.T)
+        by_state = np.column_stack([found.value, found.jacobian[:, :15]]) / model.sigma
+        white = np.linalg.solve(root, by_state)
+        values.append(white[:, 0])
+        jacobians.append(white[:, 1:])
+        scale = model.cauchy_scale / model.sigma or _QUADRATIC
+        scales.append(scale**2 * observation.points.weight)
+    begins = np.cumsum([0, *(len(value) for value in values[:-1])])
+    return _Lines(np.concatenate(values), np.concatenate(jacobians), begins, np.array(scales))
