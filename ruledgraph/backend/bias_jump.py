@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, cho_factor, cho_solve
-from scipy.special import fdtri
+from scipy.special import bdtrc
 
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_factors import EdgeModel
@@ -20,8 +20,6 @@ from ruledgraph.core.config import Config
 
 JUMP_DOF = 6
 """Accelerometer and gyroscope, three axes each."""
-# Numbers that points without scatter tell of a line in a frame, and in an interval: rates, too.
-_OF_FRAME, _OF_LINE = 2, 4
 # Standard deviations that a line's inverse distance is from none, for its distance to be known.
 _KNOWN = 3.0
 # Of the reweighted least squares, which end where the cost changes by less.
@@ -36,15 +34,20 @@ class JumpTest(NamedTuple):
     ratio: float
     """Log of the likelihood ratio, doubled: without a jump, but for the loss, a chi-square of six
     degrees of freedom at most, times the variance factor."""
-    least: float
-    """Of a jump."""
     jump: FloatArray
     """The most likely one, accelerometer first, (6,)."""
+    jumped: bool
+    """Whether they did."""
 
-    @property
-    def jumped(self) -> bool:
-        """Whether they did."""
-        return self.ratio > self.least
+
+class _Fit(NamedTuple):
+    """Of an error x of the state before."""
+
+    cost: float
+    """Minus twice the log of its likelihood."""
+    x: FloatArray
+    squares: FloatArray
+    """Squared norm of each line's points from it, in units of its loss's scale."""
 
 
 class _Lines(NamedTuple):
@@ -61,8 +64,8 @@ class _Lines(NamedTuple):
     scale2: FloatArray
     """Of each line's loss, squared."""
 
-    def least_cost(self, covariance: FloatArray) -> tuple[float, FloatArray]:
-        """Of x ~ N(0, covariance): minus twice the log of what is most likely, and this x.
+    def fitted(self, covariance: FloatArray) -> _Fit:
+        """To the most likely x ~ N(0, covariance).
 
         By iteratively reweighted least squares, which begin with equal weights: lines that all miss
         by much agree with each other, not with the state.
@@ -71,23 +74,22 @@ class _Lines(NamedTuple):
         rows = np.diff(np.append(self.begins, len(self.value)))
         weights = np.ones(len(self.begins))
         none = np.zeros(15)
-        found = [(self._cost(none, information)[0], none)]
+        found = [self._at(none, information)]
         for _ in range(_MOST_ITERATIONS):
             weighted = np.repeat(weights, rows)[:, None] * self.jacobian
             normal = cho_factor(information + weighted.T @ self.jacobian)
             x = -cho_solve(normal, weighted.T @ self.value)
-            cost, squares = self._cost(x, information)
-            found.append((cost, x))
-            if abs(cost - found[-2][0]) < _CONVERGED:
+            found.append(self._at(x, information))
+            if abs(found[-1].cost - found[-2].cost) < _CONVERGED:
                 break
-            weights = 1.0 / (1.0 + squares)
-        return min(found, key=lambda one: one[0])
+            weights = 1.0 / (1.0 + found[-1].squares)
+        return min(found, key=lambda one: one.cost)
 
-    def _cost(self, x: FloatArray, information: FloatArray) -> tuple[float, FloatArray]:
-        """And the squared norm of each line, in units of its loss's scale."""
+    def _at(self, x: FloatArray, information: FloatArray) -> _Fit:
         of_rows = np.square(self.value + self.jacobian @ x)
         squares = np.add.reduceat(of_rows, self.begins) / self.scale2
-        return float(self.scale2 @ np.log1p(squares) + x @ information @ x), squares
+        cost = float(self.scale2 @ np.log1p(squares) + x @ information @ x)
+        return _Fit(cost, x, squares)
 
 
 def bias_jump(
@@ -97,7 +99,7 @@ def bias_jump(
     most: float,
     config: Config,
 ) -> JumpTest | None:
-    """A likelihood ratio test of whether the biases jumped; None of too few lines.
+    """A likelihood ratio test of whether the biases jumped; None without lines.
 
     Of two hypotheses: the state before the interval is off by x ~ N(0, P), its marginal covariance;
     or its biases are, besides, as unknown as before a start. Lines count with their marginal
@@ -106,11 +108,11 @@ def bias_jump(
 
         2 log(p_jump / p_none).
 
-    Where it is larger than it would be by chance they jumped. That has to explain the lines, too,
-    by an F-test (`integrity.confidence`) of the ratio against what a jump leaves of their misfits:
-    lines that it does not explain either, as where edges are noisier than their figure, say nothing
-    of it. The innovation of the state does not show what this does: with a robust loss lines that
-    all contradict the IMU are outliers, and the state stays where it was predicted.
+    They jumped where it is larger than it would be by chance, and where most lines fit better with
+    a jump, by a sign test (`integrity.jump_confidence`): a few that moved, or were taken for
+    others, make the ratio as large. The innovation of the state does not show what this does: with
+    a robust loss lines that all contradict the IMU are outliers, and the state stays where it was
+    predicted.
 
     Args:
         interval: the newest one, its state not corrected by it yet.
@@ -124,20 +126,19 @@ def bias_jump(
     """
     known = interval.node.covariance
     seen = [each for each in seen if _is_distance_known(each.line)]
-    left = _OF_LINE * len(seen) - len(known) - JUMP_DOF
-    if left <= 0:
+    if not seen:
         return None
     lines = _whitened(interval, seen, model)
-    start, confidence = config.start, config.integrity.confidence
+    start, needed = config.start, config.integrity.jump_confidence
     sigmas = np.repeat([start.accelerometer_bias, start.gyroscope_bias], 3)
     unknown = known + block_diag(np.zeros((9, 9)), np.diag(sigmas**2))
     try:
-        (none, _), (jump, x) = lines.least_cost(known), lines.least_cost(unknown)
+        none, jump = lines.fitted(known), lines.fitted(unknown)
     except np.linalg.LinAlgError:  # no covariance: the smoother has failed
         return None
-    numbers = _OF_FRAME * sum(len(each.points.statistics) for each in seen)
-    least = JUMP_DOF * jump / numbers * float(fdtri(JUMP_DOF, left, confidence))
-    return JumpTest(none - jump, max(most, least), x[9:])
+    ratio, better = none.cost - jump.cost, int(np.sum(jump.squares < none.squares))
+    by_chance = float(bdtrc(better - 1, len(seen), 0.5))
+    return JumpTest(ratio, jump.x[9:], ratio > most and by_chance < 1.0 - needed)
 
 
 def _is_distance_known(line: Landmark) -> bool:

@@ -155,6 +155,9 @@ class IntegrityConfig(Section):
     confidence: float = number(0.9999, "", 0.5, 0.999999)
     """Images and IMU disagree where an innovation needs more noise than the figures and the
     innovations before it have shown: the confidence of this F-test. There are 5 states a second."""
+    jump_confidence: float = number(0.95, "", 0.5, 0.9999)
+    """Biases jump where most lines fit better with a jump: the confidence of this sign test. Of
+    fewer than five lines none can tell."""
     variance_prior: float = number(5.0, "", 3.0, 1e3)
     """Degrees of freedom that the noise figures count for, beside the innovations: a window of a
     moving camera has about ten."""

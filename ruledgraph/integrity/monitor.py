@@ -60,7 +60,7 @@ class IntegrityMonitor:
         self._imu = ImuCheck(warnings, config.integrity)
         self._lines = LineCheck(warnings, config.integrity)
         self._variance = VarianceFactor(config.integrity)
-        self._of_jumps, self._window = VarianceFactor(config.integrity), config.window.lag
+        self._of_jumps = VarianceFactor(config.integrity)
         self._parallel = ParallelLines(config.integrity)
         self._rest = RestSlide(warnings, config.rest.slide_warning)
         self._inflation = _Inflation(1.0, np.zeros((3, 3)), np.zeros((3, 3)))
@@ -108,7 +108,9 @@ class IntegrityMonitor:
         jumped = window.jump_test is not None and window.jump_test.jumped
         self._imu.update(window.innovation, node.time, self._variance, jumped)
         self._variance.update(window.innovation, node.time)
-        self._keep_jump_ratio(window)
+        if window.jump_test is not None and not jumped:
+            before = window.intervals[-1].node.time
+            self._of_jumps.update(Innovation(window.jump_test.ratio, JUMP_DOF, before), node.time)
         self._lines.update(window, still)
         if disagreed and not self.disagree:
             self._keep_error(node)
@@ -118,14 +120,6 @@ class IntegrityMonitor:
         more = self._inflation.added - (self._inflation.factor - 1.0) * _of_position(node)
         position = self._base_gauge.position + self._parallel.covariance() + self._rest.covariance()
         self._gauge = replace(self._base_gauge, position=position + more)
-
-    def _keep_jump_ratio(self, window: Window) -> None:
-        """All of one window, whose lines and motion they have in common, count as one."""
-        test = window.jump_test
-        if test is not None and not test.jumped:
-            since, time = window.intervals[-1].node.time, window.newest.time
-            share = min(1.0, (time - since) / self._window)
-            self._of_jumps.update(Innovation(test.ratio, JUMP_DOF, since), time, share)
 
     def _add_to_gauge(self, position: FloatArray) -> None:
         """Add a covariance of the position, (3, 3), for good."""

@@ -93,17 +93,13 @@ class VarianceFactor:
         before = self._before(innovation, time)
         return innovation.nis > before.most(self._prior, innovation.dof, confidence)
 
-    def update(self, innovation: Innovation | None, time: float, share: float = 1.0) -> None:
-        """Take in the innovation of a state at a time, s; a share of it where others follow that
-        have errors in common with it.
-        """
+    def update(self, innovation: Innovation | None, time: float) -> None:
+        """Take in the innovation of a state at a time, s."""
         if innovation is None:
             self._newest = self._newest.faded(time, self._memory)
             return
         before = self._before(innovation, time)
-        self._newest = _Told(
-            time, share * innovation.nis + before.nis, share * innovation.dof + before.dof
-        )
+        self._newest = _Told(time, innovation.nis + before.nis, innovation.dof + before.dof)
         self._told.append(self._newest)
 
     def _before(self, innovation: Innovation, time: float) -> _Told:

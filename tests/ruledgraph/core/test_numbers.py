@@ -19,8 +19,6 @@ ALLOWED = {
         "_CONVERGED": "far below one, a standard deviation",
         "_MOST_ITERATIONS": MEMORY,
         "_KNOWN": "three standard deviations",
-        "_OF_FRAME": "offset and slope of a line in an image",
-        "_OF_LINE": "these and their rates",
         "_QUADRATIC": NUMERICS,
     },
     "backend/innovation.py": {"_LEAST_GAIN": "below it what images tell is lost in linearisation"},

@@ -104,18 +104,18 @@ def test_nothing_jumps_while_a_start_is_on_trial_or_many_lines_do_not_fit():
     assert np.isinf(misfit.jump_limit(confirmed=True))
 
 
-def test_a_jump_is_held_against_the_ratios_before_of_which_those_of_a_window_count_as_one():
+def test_a_jump_is_held_against_the_ratios_before():
     config = Config.model_validate({"integrity": {"variance_memory": 1e4}})
     window, _, _ = run()
     monitor = IntegrityMonitor(GaugeUncertainty(), Messages(), config)
-    window.jump_test = JumpTest(30.0, np.inf, np.zeros(6))
-    for _ in range(2 * round(config.window.lag / 0.1)):  # intervals of 0.1 s, of two windows
+    window.jump_test = JumpTest(30.0, np.zeros(6), jumped=False)
+    for _ in range(20):
         monitor.update(window, False)
         window.newest.time += 0.1
         window.intervals[-1].node.time += 0.1
     limits = config.integrity
-    known = limits.variance_prior + 2 * 6
-    factor = (limits.variance_prior + 2 * 30.0) / known
+    known = limits.variance_prior + 20 * 6
+    factor = (limits.variance_prior + 20 * 30.0) / known
     expected = 6.0 * factor * f_ratio.ppf(limits.confidence, 6, known)
     assert monitor.jump_limit(confirmed=True) == pytest.approx(expected, rel=1e-3)
     # The first one is of the noise figures alone.

@@ -52,12 +52,6 @@ def test_windows_that_do_not_overlap_count_the_older_the_less():
     assert after(factor, told(30.0, 8, 3.5), 3.5) == pytest.approx(expected)
 
 
-def test_a_share_of_an_innovation_counts_as_so_many_degrees_of_freedom():
-    factor = VarianceFactor(CONFIG)
-    factor.update(told(40.0, 10, 1.0), 1.0, share=0.2)
-    assert factor.estimate == pytest.approx((5.0 + 8.0) / (5.0 + 2.0))
-
-
 def test_what_was_told_is_forgotten():
     factor = VarianceFactor(CONFIG)
     factor.update(told(100.0, 10, 1.0), 1.0)
