@@ -100,6 +100,16 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         ),
     ),
     (
+        "backend/bias_jump.py",
+        "backend/test_bias_jump",
+        (
+            ("ratio > most and", ""),
+            ("inverse > _KNOWN * sigma", "inverse > 0.0"),
+            ("jump.squares < none.squares", "jump.squares < np.inf"),
+            ("@ line.covariance @", "@ (0.01 * line.covariance) @"),
+        ),
+    ),
+    (
         "backend/innovation.py",
         "backend/test_innovation",
         (
@@ -128,10 +138,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "integrity/rest_slide.py",
         "integrity/test_monitor",
         (
-            (
-                "before, self._slide = self._slide, position",
-                "before, self._slide = self._slide, 9 * position",
-            ),
+            ("self._slide = self._slide, position", "self._slide = self._slide, 9 * position"),
             ("np.outer(self._slide, self._slide)", "np.zeros((3, 3))"),
         ),
     ),
@@ -141,10 +148,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         (
             ("samples.gyroscope.std", "0.1 * samples.gyroscope.std"),
             ("samples.accelerometer.std", "0.1 * samples.accelerometer.std"),
-            (
-                "self.image_motion(begin) < self._config.image_motion_px",
-                "self.image_motion(begin) > self._config.image_motion_px",
-            ),
+            ("self.image_motion(begin) <", "self.image_motion(begin) >"),
             ("begin = min(begin,", "begin = max(begin,"),
         ),
     ),
@@ -153,10 +157,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "initialization/at_rest.py",
         "initialization/test_at_rest",
         (
-            (
-                "pose_covariance(attitude, a / gravity)",
-                "pose_covariance(attitude, 0.1 * a / gravity)",
-            ),
+            ("(attitude, a / gravity)", "(attitude, 0.1 * a / gravity)"),
             ("samples.gyroscope.mean(axis=0)", "np.zeros(3)"),
             ("config.start.gravity_share * gravity", "gravity"),
         ),
@@ -308,10 +309,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "frontend/tracker.py",
         "frontend/test_tracker",
         (
-            (
-                "first + gain * a, second + gain * (a + b)",
-                "first - gain * a, second - gain * (a + b)",
-            ),
+            ("first + gain * a, second +", "first - gain * a, second +"),
             ("statistics, self._edges.effective_points)", "statistics, 1e9)"),
             ("sightings[0].stamp < before", "sightings[0].stamp > before"),
             ("moved.append(abs(float(", "moved.append(-abs(float("),
