@@ -75,8 +75,8 @@ class VarianceFactor:
         return self.estimate * (quantile / _SIGMAS) ** 2
 
     def most(self, dof: int, confidence: float) -> float:
-        """The sum of squares over so many degrees of freedom, which is (nis) with this confidence
-        no larger by the noise figures and what is known of s^2.
+        """The largest sum of squares over so many degrees of freedom, with a confidence, by the
+        noise figures and what is known of s^2.
         """
         return self._newest.most(self._prior, dof, confidence)
 
