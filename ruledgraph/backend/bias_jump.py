@@ -148,9 +148,10 @@ def _is_distance_known(line: Landmark) -> bool:
 
 def _whitened(interval: Interval, seen: Sequence[LineObservation], model: EdgeModel) -> _Lines:
     values, jacobians, scales = [], [], []
+    state = interval.state(np.zeros(4))
     for observation in seen:
         line = observation.line
-        found = observation.factor.evaluate(interval.state(line.delta), True)
+        found = observation.factor.evaluate(state._replace(line=line.delta), True)
         assert found.jacobian is not None  # noqa: S101 - it was asked for
         by_line = found.jacobian[:, -4:] / model.sigma
         root = np.linalg.cholesky(np.eye(len(by_line)) + by_line @ line.covariance @ by_line.T)

@@ -74,9 +74,11 @@ class Predictions:
         """Of the newest state against its oldest prediction; None where there is none, or where a
         covariance is none, as when the smoother has failed.
         """
+        if not self._predictions:
+            return None
+        oldest = self._predictions[0]
         try:
-            oldest = self._predictions[0] if self._predictions else None
-            return None if oldest is None else innovation(oldest, found, oldest.since)
+            return innovation(oldest, found, oldest.since)
         except np.linalg.LinAlgError:
             return None
 

@@ -60,6 +60,7 @@ class IntegrityMonitor:
         self._imu = ImuCheck(warnings, config.integrity)
         self._lines = LineCheck(warnings, config.integrity)
         self._variance = VarianceFactor(config.integrity)
+        # By the ratios of `bias_jump` where nothing jumped, which count as innovations.
         self._of_jumps = VarianceFactor(config.integrity)
         self._parallel = ParallelLines(config.integrity)
         self._rest = RestSlide(warnings, config.rest.slide_warning)

@@ -78,10 +78,10 @@ class EstimateReporter:
         live = {estimate.stamp: estimate for estimate in held.take_live()}
         for interval in window.intervals:
             live |= {e.stamp: e for e in self._of_live(interval, live)}
-        of_frames = list(live.values()), held.take_smoothed()
+        newest, smoothed = list(live.values()), held.take_smoothed()
         if not accepted:
-            of_frames = _degraded(of_frames[0]), _degraded(of_frames[1])
-        self._output.put(*of_frames, held.take_lines())
+            newest, smoothed = _degraded(newest), _degraded(smoothed)
+        self._output.put(newest, smoothed, held.take_lines())
 
     @property
     def _out(self) -> Output:

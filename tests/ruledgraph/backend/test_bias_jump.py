@@ -97,13 +97,29 @@ def test_a_jump_is_found_where_it_is_and_taken_up(jump: list[float], seed: int) 
     assert jumped == [pytest.approx(ONSET + 0.2, abs=0.01)]
     newest, true = window.newest, made.motion.pose(window.newest.time)
     assert error_of(newest.state.pose(), true) < 0.5 * error_of(without.newest.state.pose(), true)
-    # To their own covariances, five sigma in any direction: tilt (not the heading, of which nothing
-    # is known) with both biases.
+    # Attitude and both biases to their own covariance, five sigma in any direction.
     turned = gtsam.Rot3.Logmap(true.rotation().between(newest.state.attitude()))
     error = np.concatenate([turned, newest.bias.vector() - jump])
-    of_both = np.r_[0:3, 9:15]
-    nees = error @ np.linalg.solve(newest.covariance[np.ix_(of_both, of_both)], error)
+    rows = np.r_[0:3, 9:15]
+    nees = error @ np.linalg.solve(newest.covariance[np.ix_(rows, rows)], error)
     assert nees < chi2.ppf(1.0 - 6e-7, 9)
+
+
+def test_the_imu_leaves_open_what_a_jump_may_be() -> None:
+    """A mean that is off by s, and a bias that walks by s in T: s^2 (T^2 + T^2 / 3)."""
+    made = made_of(0, np.array([0.0, 0.5, 0, 0, 0, 0]))
+    window, jumped = run(replace(made, times=made.times[made.times < ONSET + 0.22]), LIMIT)
+    assert len(jumped) == 1
+    interval = window.intervals[-1]
+    # Rotation, position, velocity, biases.
+    covariance = np.linalg.inv(interval.imu_factors[0].noiseModel().information())
+    share = 4.0 / 3.0 * (window.newest.time - interval.node.time) ** 2
+    np.testing.assert_allclose(np.diag(covariance)[:3], 0.1**2 * share, rtol=0.05)
+    # Horizontally the tilt adds to it.
+    along_gravity = np.linalg.eigvalsh(covariance[6:9, 6:9])[0]
+    assert along_gravity == pytest.approx(0.3**2 * share, rel=0.05)
+    np.testing.assert_allclose(np.diag(covariance)[9:12], 0.3**2, rtol=0.05)
+    np.testing.assert_allclose(np.diag(covariance)[12:15], 0.1**2, rtol=0.05)
 
 
 def test_while_it_is_in_the_window_innovations_tell_nothing() -> None:
@@ -168,7 +184,7 @@ def test_few_lines_and_those_of_unknown_distance_say_nothing() -> None:
 
 
 def test_lines_that_a_jump_does_not_explain_say_nothing() -> None:
-    """Each one moves on its own by some pixels: the ratio is large, and not for a jump."""
+    """Each one moves on its own by some pixels: the ratio is large, but not for a jump."""
     rng = np.random.default_rng(4)
     made = made_of(1, np.zeros(6))
     tracks = []
@@ -181,6 +197,11 @@ def test_lines_that_a_jump_does_not_explain_say_nothing() -> None:
             for s, is_late in zip(track.sightings, late, strict=True)
         )
         tracks.append(seen_as(track, sightings))
+    moved_once = replace(made, tracks=tracks, times=made.times[made.times < 1.22])
+    window, jumped = run(moved_once, LIMIT)
+    assert window.jump_test is not None
+    assert window.jump_test.ratio > LIMIT
+    assert not jumped
     assert not run(replace(made, tracks=tracks), LIMIT)[1]
 
 
