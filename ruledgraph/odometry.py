@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The odometry: measurements in, estimates out. This file names the stages and their order."""
 
+from dataclasses import replace
+
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.calibration.sensors import Calibration
@@ -33,6 +35,8 @@ class Odometry(Output):
         super().__init__()
         self.calibration = calibration
         self.config = config = (config or Config()).for_time_offset(calibration.time_offset_exact)
+        least = config.imu.least_accelerometer_noise, config.imu.least_gyroscope_noise
+        calibration = replace(calibration, imu_noise=calibration.imu_noise.at_least(*least))
         self._stages = Stages.build(calibration, config, self)
         self._segments = SegmentSequence(calibration, config, self._stages)
         self._kept = config.window.lag + _SPARE

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Runs of the odometry over measurements, and how far off its trajectory is."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ruledgraph.core.config import DEFAULTS, Config
@@ -31,3 +33,10 @@ def ate(estimates: list[Estimate], simulation) -> float:
     own = np.array([e.world_T_body.translation() for e in estimates])
     A = alignment(own, true)
     return float(np.sqrt(np.mean(np.sum((own @ A[:3, :3].T + A[:3, 3] - true) ** 2, axis=1))))
+
+
+def ever_degraded(live: Sequence[Estimate]) -> bool:
+    """Whether an estimate is, from half a second after the first: until then, the biases being
+    unknown, the velocity is not known to the limit of `tracking`.
+    """
+    return any(e.status == "degraded" for e in live if e.stamp > live[0].stamp + 500_000_000)

@@ -226,9 +226,9 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "initialization/trial.py",
         "initialization/test_trial",
         (
-            ("time + config.trial_time", "time"),
+            ("time + self._config.trial_time", "time"),
             ("(1.0 - self._config.trial_min_stay)", "2.0 * (1.0 - self._config.trial_min_stay)"),
-            ("self._config, self._config.trial_share", "self._config, 1.0"),
+            ("whitened @ whitened", "abs(whitened).max()"),
         ),
     ),
     # Back end.

@@ -225,6 +225,14 @@ class ImuNoise:
                     f"IMU noise figure {name} = {value} is not from {LEAST_NOISE:g} on"
                 )
 
+    def at_least(self, accelerometer: float, gyroscope: float) -> "ImuNoise":
+        """With white noise of no less than these."""
+        return replace(
+            self,
+            accelerometer=max(self.accelerometer, accelerometer),
+            gyroscope=max(self.gyroscope, gyroscope),
+        )
+
     def preintegration_params(
         self, gravity: ArrayLike = STANDARD_GRAVITY
     ) -> gtsam.PreintegrationCombinedParams:

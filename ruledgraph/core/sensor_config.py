@@ -61,6 +61,12 @@ class ImuConfig(Section):
     gravity: float = number(9.81, "m/s^2", 0.1, 100.0)
     """Magnitude of gravity where the recording is made: 9.780 at the equator, 9.832 at the poles.
     The accelerometer's bias takes up most of what it is off by."""
+    least_accelerometer_noise: float = number(0.01, "m/s^2/sqrt(Hz)", 0.0, 10.0)
+    """White noise of an accelerometer in motion: no less is assumed, whatever the calibration says.
+    Scale factors, misalignment and vibration are not in the figures of an IMU at rest. Kalibr's
+    example has this for an ADIS16448, whose data sheet says 0.0023. 0: as the calibration says."""
+    least_gyroscope_noise: float = number(5e-4, "rad/s/sqrt(Hz)", 0.0, 10.0)
+    """The same of a gyroscope, three times its data sheet's figure."""
 
     max_sample_interval: float = number(0.05, "s", 1e-3, 1.0)
     """A longer stretch without a new reading is a hole."""

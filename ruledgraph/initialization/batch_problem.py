@@ -96,7 +96,7 @@ class BatchProblem:
             )
             surfaces.append(surface)
             weights = np.add.reduceat(points.frame_weights, range(0, points.frames, chunk))
-            scales.append(cauchy_px / window.config.start.sigma_px * np.sqrt(weights))
+            scales.append(cauchy_px / window.config.edges.sigma_px * np.sqrt(weights))
         return RobustLines(surfaces, window.sigma, chunk, scales)
 
     def cost(self, at: Estimate) -> float:

@@ -40,7 +40,7 @@ class FirstWindow:
     @property
     def sigma(self) -> float:
         """Standard deviation of a point, normalised units."""
-        return self.config.start.sigma_px / self.calibration.camera.focal_length
+        return self.config.edges.sigma_px / self.calibration.camera.focal_length
 
     @cached_property
     def points(self) -> list[GeometricPoints]:

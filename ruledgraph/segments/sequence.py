@@ -119,7 +119,7 @@ class SegmentSequence:
         self._count += 1
         self._trial = None
         if not self.current.confirmed:
-            self._trial = Trial(start, now.time, self._config.integrity)
+            self._trial = Trial(start, now.time, self._config)
         return True
 
     def continues(self, segment: TrajectorySegment, now: FrameTime) -> bool:

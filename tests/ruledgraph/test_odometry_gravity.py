@@ -11,7 +11,7 @@ from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.settings import load_config
 from ruledgraph.simulation import Simulation
 from ruledgraph.simulation import imu as simulated_imu
-from small_runs import ate, run
+from small_runs import ate, ever_degraded, run
 from small_simulation import new_small_simulation
 
 
@@ -26,7 +26,7 @@ def test_gravity_is_the_one_that_is_set(
     for gravity in (9.81, 20.0):
         simulation = simulated(gravity, moving, readout, monkeypatch)
         live, smoothed = estimates(simulation, gravity)
-        assert not any(estimate.status == "degraded" for estimate in live)
+        assert not ever_degraded(live)
         errors = ate(live, simulation), ate(smoothed, simulation), speed_error(smoothed, simulation)
         found.append((len(live), *errors))
     earth, twice = found

@@ -20,7 +20,7 @@ from ruledgraph.imu.propagation import state_before
 from ruledgraph.segments.rows import row_motion
 from ruledgraph.simulation import Simulation, make_scene, simulate
 from ruledgraph.simulation import imu as simulated_imu
-from small_runs import ate, run
+from small_runs import ate, ever_degraded, run
 from small_simulation import SMALL, new_small_simulation
 
 READOUT = 0.025
@@ -51,7 +51,7 @@ def test_a_known_readout_costs_no_accuracy(moving: bool) -> None:
     # As a global shutter's: by half more, and 0.3 mm, two seeds of one motion differ anyway.
     assert ate(live, simulation) < 1.5 * ate(plain_live, simulation) + 0.3e-3
     assert ate(smoothed, simulation) < 1.5 * ate(plain_smoothed, simulation) + 0.3e-3
-    assert not any(estimate.status == "degraded" for estimate in live)
+    assert not ever_degraded(live)
     # Ignored it costs several times the error: 3 and 6 times here.
     ignored, _ = estimates(READOUT, 0.0, moving)
     assert len(ignored) < 10 or ate(ignored, simulation) > 2.0 * ate(live, simulation)

@@ -8,7 +8,6 @@
 
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -73,9 +72,10 @@ inline Eigen::Matrix2Xd middles(const ReprojectionPoints& points) {
   Eigen::Index first = 0;
   for (std::size_t i = 0; i < points.frames(); ++i) {
     const auto count = points.counts[i];
-    const Eigen::VectorXd weights = points.sqrt_weights.segment(first, count).cwiseAbs2();
+    const Eigen::RowVectorXd weights = points.sqrt_weights.segment(first, count).cwiseAbs2();
+    const auto seen = points.points.middleCols(first, count).array();
     found.col(static_cast<Eigen::Index>(i)) =
-        points.points.middleCols(first, count) * weights / weights.sum();
+        (seen.rowwise() * weights.array()).rowwise().sum() / weights.sum();
     first += count;
   }
   return found;
@@ -113,14 +113,14 @@ inline GeometricPoints without_scatter(const GeometricPoints& points) {
     const Eigen::Vector2d middle = moments.topRightCorner<2, 1>() / weight;
     const Eigen::Matrix2d scatter =
         moments.topLeftCorner<2, 2>() - weight * middle * middle.transpose();
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> along(scatter);
+    Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> along;
+    along.computeDirect(scatter);
     const double gap = along.eigenvalues()[1] - along.eigenvalues()[0];
     // Triangular again: the long axis turns into the rows of a QR of [mean; axis].
     Matrix3 rows = Matrix3::Zero();
     rows.row(0) = std::sqrt(weight) * middle.homogeneous().transpose();
     rows.row(1).head<2>() = std::sqrt(gap) * along.eigenvectors().col(1).transpose();
-    found.statistics.push_back(
-        Eigen::HouseholderQR<Matrix3>(rows).matrixQR().triangularView<Eigen::Upper>());
+    found.statistics.push_back(detail::triangular_factor(rows));
   }
   return found;
 }

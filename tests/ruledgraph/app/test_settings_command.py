@@ -17,7 +17,7 @@ def test_all_settings_are_listed_one_a_line():
     names = [line.split("\t")[0] for line in output.splitlines()]
     assert code == 0
     assert names == [f"{name}.{key}" for name, part in Config() for key, _ in part]
-    assert "edges.sigma_px\t0.5\tpx\tStandard deviation of an edge point." in output
+    assert "edges.sigma_px\t1.0\tpx\tStandard deviation of an edge point." in output
 
 
 def test_a_section_alone_is_listed():

@@ -129,7 +129,7 @@ def test_an_indeterminate_system_is_solved_by_dogleg_steps_and_nothing_is_lost(m
     made = ideal_tracks(3, hand_held(np.random.default_rng(3)))
     short = ["window.lag=0.6", "window.state_interval=0.1"]
     # So that there are marginals to take over, and that it is fast again soon.
-    config = load_config(None, [*short, "window.dogleg_updates=3"])
+    config = load_config(None, [*short, "window.dogleg_updates=3", "edges.sigma_px=0.5"])
     plain, _ = run_window(made, config)
     solve, calls = FixedLagSmoother._solve, []
 

@@ -89,7 +89,7 @@ class Case:
         for first in range(0, len(frames), CHUNK):
             part = slice(first, first + CHUNK)
             points = compressed_points(sightings[part])
-            scale = CAUCHY_PX / self.window.config.start.sigma_px * np.sqrt(points.weight)
+            scale = CAUCHY_PX / self.window.config.edges.sigma_px * np.sqrt(points.weight)
             noise = noiseModel.Robust.Create(
                 noiseModel.mEstimator.Cauchy.Create(scale),
                 noiseModel.Isotropic.Sigma(points.rows, self.window.sigma),

@@ -312,12 +312,12 @@ def test_an_estimate_that_moves_while_the_body_rests_is_off_by_that():
 
 
 @pytest.mark.parametrize(
-    ("velocity", "position", "small"), [(0.14, 2.9, True), (0.16, 0.0, False), (0.0, 3.1, False)]
+    ("velocity", "position", "small"), [(0.04, 2.9, True), (0.06, 0.0, False), (0.0, 3.1, False)]
 )
 def test_tracking_means_that_position_and_velocity_are_known_along_every_axis(
     velocity, position, small
 ):
-    """Up to 0.15 m/s and 3 m, along the axis where they are known least.
+    """Up to 0.05 m/s and 3 m, along the axis where they are known least.
 
     What a gap before the segment has left, 30 m and a turn, does not count.
     """
