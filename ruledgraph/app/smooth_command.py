@@ -49,7 +49,7 @@ _NOTHING_ESTIMATED, _BY_SIGNAL = 3, 128
 _OFF = {
     NO_ESTIMATE: "before a start, or when a start was taken back",
     "dead reckoning": "the IMU alone carried them",
-    "degraded": "images and IMU disagree",
+    "degraded": "images and IMU disagree, or the velocity is not known well enough",
 }
 
 
