@@ -2,10 +2,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The trajectory of small simulated recordings, and what it is computed from."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import ruledgraph
+from ruledgraph.calibration.sensors import ADIS16448_LIKE
 from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.core.settings import load_config
 from ruledgraph.frontend.gradient import Gradient
@@ -159,3 +162,13 @@ def test_every_frames_velocity_is_its_own():
         assert np.sqrt(np.mean(off**2)) < 0.05
         # Within 0.2 s they would lag behind by as much as the body speeds up.
         assert np.abs(off).max() < 0.2
+
+
+@pytest.mark.parametrize(
+    ("least", "expected"), [("0.02", 0.02), ("0", ADIS16448_LIKE.accelerometer)]
+)
+def test_the_imus_white_noise_is_no_less_than_in_motion(least, expected):
+    calibration = replace(small_stream()[1], imu_noise=ADIS16448_LIKE)
+    settings = [f"imu.least_accelerometer_noise={least}", "imu.least_gyroscope_noise=1e-4"]
+    used = Odometry(calibration, load_config(None, settings)).mounting.calibration.imu_noise
+    assert used == replace(ADIS16448_LIKE, accelerometer=expected)
