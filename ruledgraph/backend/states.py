@@ -45,12 +45,12 @@ class StateNode:
         """Of pose (6, 6), velocity (3, 3) and bias (6, 6)."""
         return blocks(self.covariance)
 
-    def is_plausible(self, limits: IntegrityConfig, share: float = 1.0) -> bool:
-        """Whether velocity and biases are within a share of their limits."""
+    def is_plausible(self, limits: IntegrityConfig) -> bool:
+        """Whether velocity and biases are within their limits."""
         return bool(
-            np.linalg.norm(self.state.velocity()) < share * limits.max_speed
-            and np.linalg.norm(self.bias.gyroscope()) < share * limits.max_gyroscope_bias
-            and np.linalg.norm(self.bias.accelerometer()) < share * limits.max_accelerometer_bias
+            np.linalg.norm(self.state.velocity()) < limits.max_speed
+            and np.linalg.norm(self.bias.gyroscope()) < limits.max_gyroscope_bias
+            and np.linalg.norm(self.bias.accelerometer()) < limits.max_accelerometer_bias
         )
 
 

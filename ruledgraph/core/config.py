@@ -104,7 +104,7 @@ class StartConfig(Section):
     move. On two real cameras a quarter of the tracks miss a straight line by more than 0.4 px; from
     a half on no robust loss holds."""
     confidence: float = number(0.99, "", 0.5, 0.9999)
-    """Of the tests of sightings, of rival hypotheses, and of whether there is any speed."""
+    """Of the tests of sightings, of rival hypotheses, of whether there is any speed, of biases."""
     velocity: float = number(3.0, "m/s", 0.1, 100.0)
     """Standard deviation of the velocity before the start: of what is carried or flown."""
     tilt: float = number(0.5, "rad", 0.01, 1.5)
