@@ -22,13 +22,14 @@ def calibration_summary(odometry: Odometry) -> dict[str, Any]:
 
 
 def write_found_calibration(odometry: Odometry, path: Path) -> None:
-    """Write the calibration with the time offset and the extrinsics as they are known by now.
+    """Write the calibration with the time offset and the extrinsics as they are known by now; the
+    rest, such as the IMU's noise figures, as given.
 
     Raises:
         CalibrationError: when it cannot be written.
     """
-    offset = odometry.time_offset.value
-    found = dataclasses.replace(odometry.mounting.calibration, time_offset=offset)
+    offset, body_T_cam = odometry.time_offset.value, odometry.mounting.calibration.body_T_cam
+    found = dataclasses.replace(odometry.calibration, body_T_cam=body_T_cam, time_offset=offset)
     write_kalibr(found, path)
 
 

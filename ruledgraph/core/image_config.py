@@ -21,8 +21,8 @@ class EdgesConfig(Section):
     min_length: float = number(20.0, "px", 10.0, 1e4)
     """Shortest segment that starts a line: as short as a track may become."""
     sigma_px: float = number(1.0, "px", 0.01, 20.0)
-    """Standard deviation of an edge point. Alone it is good to half of that, but the points of a
-    line err together, and from frame to frame: on real cameras a line is off by 0.18 px."""
+    """Standard deviation of an edge point. One alone scatters less, but the points of a line err
+    together, and from frame to frame."""
     effective_points: float = number(20.0, "", 1.0, 1e4)
     """The most points of that deviation a line's edge in one frame counts for."""
     bounded: bool = True

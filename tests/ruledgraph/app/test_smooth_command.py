@@ -306,6 +306,7 @@ def test_the_calibration_as_found_can_be_given_to_the_next_run(recording, tmp_pa
     # The simulator's is exact: what was found lies within what is said of it.
     assert np.degrees(turn) < 3.0 * summary["extrinsics"]["sigma_rotation_deg"] < 3.0
     assert found.camera == given.camera
+    assert found.imu_noise == given.imu_noise
 
 
 def test_the_extrinsics_can_be_held(recording, tmp_path):
