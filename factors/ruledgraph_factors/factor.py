@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The point-to-ruled-surface factor as GTSAM sees it; `factories` builds it."""
 
+import math
 from typing import NamedTuple
 
 import gtsam
@@ -17,7 +18,7 @@ from ruledgraph_factors.evaluation import (
 from ruledgraph_factors.factor_spec import ErrorFunction, SpecFactor
 from ruledgraph_factors.ruled_surface import State
 from ruledgraph_factors.spec import Form, RuledSurfaceSpec
-from ruledgraph_factors.validation import FloatArray, vector_of
+from ruledgraph_factors.validation import FloatArray, positive_number, vector_of
 
 _POSE, _VELOCITY, _BIAS = slice(0, 6), slice(6, 9), slice(9, 15)
 _GRAVITY, _LINE, _TIME, _CAMERA = slice(15, 18), slice(18, 22), slice(22, 23), slice(-6, None)
@@ -41,10 +42,26 @@ class RuledSurfaceFactor(SpecFactor):
     spec: RuledSurfaceSpec
 
     def __init__(self, spec: RuledSurfaceSpec) -> None:
-        function = _RuledSurfaceError(spec)
-        super().__init__(spec, function)
-        self.evaluate: Evaluate = evaluation(spec, function.write)
-        """The residual, and its Jacobian if asked for, at any state, without a graph."""
+        self._function = _RuledSurfaceError(spec)
+        super().__init__(spec, self._function)
+        self.evaluate: Evaluate = evaluation(spec, self._function.write)
+        """The residual, and its Jacobian if asked for, at any state, without a graph or weight."""
+
+    @property
+    def weight(self) -> float:
+        """For reweighted least squares, 1 unless set: to GTSAM the residual is its root times r.
+
+        A new one counts from the next linearization on. It is not part of the spec: copies begin
+        with 1.
+
+        Raises:
+            FactorError: for one that is not positive and finite, when set.
+        """
+        return self._function.root_weight**2
+
+    @weight.setter
+    def weight(self, weight: float) -> None:
+        self._function.root_weight = math.sqrt(positive_number("weight", weight))
 
 
 class _Buffer(NamedTuple):
@@ -65,6 +82,7 @@ class _RuledSurfaceError(ErrorFunction):
     def __init__(self, spec: RuledSurfaceSpec) -> None:
         super().__init__(spec)
         self.write: Write = writing(spec)
+        self.root_weight = 1.0
         self._magnitude = float(np.linalg.norm(spec.gravity))
         # GTSAM copies the blocks, so buffers are reused; a thread takes one out while it works.
         self._buffers: list[_Buffer] = []
@@ -77,12 +95,15 @@ class _RuledSurfaceError(ErrorFunction):
         value = np.empty(spec.rows)
         if H is None:
             write(state, value, None)
-            return value
+            return value * self.root_weight
         try:
             buffer = self._buffers.pop()
         except IndexError:
             buffer = _Buffer.of(spec)
         write(state, value, buffer.jacobian)
+        if self.root_weight != 1.0:
+            value *= self.root_weight
+            buffer.jacobian[:] *= self.root_weight
         for i, block in enumerate(buffer.blocks):
             H[i] = block
         if spec.form == "node_gravity_direction":

@@ -4,6 +4,7 @@
 do not show, such as a knock, a lift, or a sensor that warms up.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -153,9 +154,10 @@ def _whitened(interval: Interval, seen: Sequence[LineObservation], model: EdgeMo
         line = observation.line
         found = observation.factor.evaluate(state._replace(line=line.delta), True)
         assert found.jacobian is not None  # noqa: S101 - it was asked for
-        by_line = found.jacobian[:, -4:] / model.sigma
+        sigma = model.sigma / math.sqrt(line.weight)
+        by_line = found.jacobian[:, -4:] / sigma
         root = np.linalg.cholesky(np.eye(len(by_line)) + by_line @ line.covariance @ by_line.T)
-        by_state = np.column_stack([found.value, found.jacobian[:, :15]]) / model.sigma
+        by_state = np.column_stack([found.value, found.jacobian[:, :15]]) / sigma
         white = np.linalg.solve(root, by_state)
         values.append(white[:, 0])
         jacobians.append(white[:, 1:])

@@ -46,6 +46,8 @@ class Landmark:
     """The delta at which the smoother holds its factors linearised."""
     linearization_frozen: bool = False
     """Whether a neighbour was marginalised, so that the smoother no longer relinearises it."""
+    weight: float = 1.0
+    """Of its points, see `line_weights`."""
     points: int = 0
     bad_states: int = 0
     covariance_time: float = -np.inf

@@ -103,6 +103,7 @@ def observation(
         factor = ruled_surface_factor_with_extrinsics(noise, *state, free, line.key, *rest, gravity)
     else:
         factor = ruled_surface_factor(noise, *state, line.key, *rest, body_T_cam, gravity)
+    factor.weight = line.weight
     return LineObservation(line, factor, compressed, (index[-1], sightings[-1].points))
 
 

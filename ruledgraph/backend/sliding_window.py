@@ -14,6 +14,7 @@ from ruledgraph.backend.imu_intervals import imu_interval, let_jump
 from ruledgraph.backend.innovation import Predictions
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_map import LineMap
+from ruledgraph.backend.line_weights import reweigh
 from ruledgraph.backend.rest_factors import rest_factors
 from ruledgraph.backend.self_calibration import SelfCalibration, add_self_calibration
 from ruledgraph.backend.start import Start
@@ -176,6 +177,8 @@ class Window:
         self.innovation = self._predictions.innovation(self.newest)
         self.self_calibration = self.self_calibration.after(self.intervals[-1])
         self.line_map.check_fit(self.intervals[-1])
+        prior = self._config.lines.weight_prior
+        reweigh(self.intervals, self.lines.values(), prior)
         return gone
 
     def _drop_old(self) -> list[Interval]:

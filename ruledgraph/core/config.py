@@ -24,6 +24,9 @@ class LinesConfig(Section):
     every frame; 0: quadratic loss, of a start 1 px. With 20 points of `edges.sigma_px` an offset's
     standard deviation is 0.22 px: the loss is 95 % efficient for normal errors (2.385 of them is
     0.53 px)."""
+    weight_prior: float = number(5.0, "", 0.1, 1e6)
+    """Intervals between states, a second of them, that a line's points count for as noisy as those
+    of other lines, beside those in which it was seen: degrees of freedom of Student's t."""
     min_sightings: int = number(3, "", 2, 100)
     """Frames that must have seen a line before it is triangulated."""
     max_new_misfit_px: float = number(1.5, "px", 0.01, 100.0)

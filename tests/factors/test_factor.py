@@ -17,6 +17,7 @@ from ruledgraph.calibration.sensors import D435I_LIKE
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph_factors import (
     STANDARD_GRAVITY,
+    FactorError,
     FrameMotion,
     GeometricPoints,
     LineChart,
@@ -307,3 +308,28 @@ def test_factor_can_be_cloned_and_copied_but_gtsam_cannot_rekey_it() -> None:
         assert copied.error(case.values) == factor.error(case.values)
     with pytest.raises(RuntimeError, match="no clone"):
         factor.rekey([X(5), V(5), B(5), L(5)])
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_weight_multiplies_the_squares_that_gtsam_sees(form: str) -> None:
+    case = random_case(4)
+    factor = case.factor(form, GeometricPoints)
+    before = factor.error(case.values), factor.linearize(case.values).information()
+    plain = factor.unwhitenedError(case.values)
+    factor.weight = 0.3
+    assert factor.weight == pytest.approx(0.3)
+    assert factor.error(case.values) == pytest.approx(0.3 * before[0], rel=1e-12)
+    information = factor.linearize(case.values).information()
+    np.testing.assert_allclose(information, 0.3 * before[1], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        factor.unwhitenedError(case.values), np.sqrt(0.3) * plain, rtol=1e-12
+    )
+    assert factor.clone().weight == 1.0
+
+
+@pytest.mark.parametrize("weight", [0.0, -1.0, np.nan, np.inf])
+def test_a_weight_is_positive_and_finite(weight: float) -> None:
+    factor = random_case(4).factor("node", GeometricPoints)
+    with pytest.raises(FactorError, match="weight"):
+        factor.weight = weight
+    assert factor.weight == 1.0

@@ -24,6 +24,7 @@ ALLOWED = {
     "backend/innovation.py": {"_LEAST_GAIN": "below it what images tell is lost in linearisation"},
     "backend/landmarks.py": {"_KEPT": MEMORY, "_INFINITE": NUMERICS, "_PARALLEL": NUMERICS},
     "backend/line_fit.py": {"_AT_INFINITY": NUMERICS},
+    "backend/line_weights.py": {"_NO_NOISE": NUMERICS},
     "backend/line_merging.py": {
         "_PARALLEL": "up to which angle the chart is close to linear",
         "_ROUNDING": NUMERICS,
