@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.special import bdtrc
 
-from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_factors import EdgeModel
 from ruledgraph.backend.states import Interval, LineObservation
 from ruledgraph.core.arrays import FloatArray
@@ -21,8 +20,6 @@ from ruledgraph.core.config import Config
 
 JUMP_DOF = 6
 """Accelerometer and gyroscope, three axes each."""
-# Standard deviations that a line's inverse distance is from none, for its distance to be known.
-_KNOWN = 3.0
 # Of the reweighted least squares, which end where the cost changes by less.
 _MOST_ITERATIONS, _CONVERGED = 20, 1e-3
 # Scale of a loss that is not robust, in standard deviations.
@@ -126,7 +123,7 @@ def bias_jump(
     estimation of jumps in linear systems, IEEE Transactions on Automatic Control 21 (1976).
     """
     known = interval.node.covariance
-    seen = [each for each in seen if _is_distance_known(each.line)]
+    seen = [each for each in seen if each.line.inverse_distance().is_known]
     if not seen:
         return None
     lines = _whitened(interval, seen, model)
@@ -140,11 +137,6 @@ def bias_jump(
     ratio, better = none.cost - jump.cost, int(np.sum(jump.squares < none.squares))
     by_chance = float(bdtrc(better - 1, len(seen), 0.5))
     return JumpTest(ratio, jump.x[9:], ratio > most and by_chance < 1.0 - needed)
-
-
-def _is_distance_known(line: Landmark) -> bool:
-    inverse, sigma = line.inverse_distance()
-    return inverse > _KNOWN * sigma
 
 
 def _whitened(interval: Interval, seen: Sequence[LineObservation], model: EdgeModel) -> _Lines:

@@ -9,6 +9,7 @@ from typing import TypeAlias
 import gtsam
 import numpy as np
 
+from ruledgraph.backend.line_distance import InverseDistance
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.estimates import LineEstimate
 from ruledgraph.core.line_observations import LinePrediction
@@ -66,10 +67,9 @@ class Landmark:
         """What the front end needs to predict its ruling."""
         return LinePrediction(*self.plucker, self.covariance)
 
-    def inverse_distance(self) -> tuple[float, float]:
-        """One over the distance from the anchor and its standard deviation, 1/m."""
-        inverse, slope = self.chart.inverse_distance(self.delta)
-        return inverse, float(np.sqrt(max(float(slope @ self.covariance @ slope), 0.0)))
+    def inverse_distance(self) -> InverseDistance:
+        """One over the distance from the anchor, 1/m."""
+        return InverseDistance.of(self.chart, self.delta, self.covariance)
 
     def record_view(self, view: FloatArray) -> None:
         """The camera's centre and the rays to both ends of what it saw, (3, 3), in the world."""

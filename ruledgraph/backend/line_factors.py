@@ -108,12 +108,13 @@ def observation(
 
 
 def new_line_factors(
-    node: StateNode, seen: LineObservation, config: LinesConfig
+    node: StateNode, seen: LineObservation, config: LinesConfig, distance: float
 ) -> tuple[gtsam.NonlinearFactor, ...]:
     """Priors of a line that was seen from one position only, by its first observation.
 
     They are relative to the state of that observation. Priors in the world frame would also
-    constrain the unobservable position and yaw, more with every new line.
+    constrain the unobservable position and yaw, more with every new line. `distance` (m) is the
+    `usual_distance` of lines.
     """
     line, spec, points = seen.line, seen.factor.spec, seen.points
     wide = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
@@ -125,6 +126,6 @@ def new_line_factors(
     pose_key, pose = spec.keys[0], node.state.pose()
     return (
         new_line_factor(wide, pose_key, line.key, line.chart, pose),
-        line_distance_factor(factor, pose_key, line.key, line.chart, config.prior_distance),
+        line_distance_factor(factor, pose_key, line.key, line.chart, distance),
         RuledSurfaceFactor(replace(spec, noise_model=loose)),
     )

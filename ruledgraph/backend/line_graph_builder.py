@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Variables and factors of lines: of new ones, of observed ones, and of those that moved far."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -13,6 +12,7 @@ from gtsam.symbol_shorthand import L
 
 from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.landmarks import Landmark
+from ruledgraph.backend.line_distance import InverseDistance
 from ruledgraph.backend.line_factors import (
     EdgeModel,
     compressed_points,
@@ -65,6 +65,10 @@ class LineGraphBuilder:
         self._initial_lines = dict(initial_lines)
         self._keys_so_far = 0
 
+    def initial_distances(self) -> list[InverseDistance]:
+        """Of the lines that a start has estimated and that have not entered yet."""
+        return [line.inverse_distance() for line in self._initial_lines.values()]
+
     def has_initial_line(self, id_: int) -> bool:
         """Whether a start has estimated the line of a track."""
         return id_ in self._initial_lines
@@ -93,9 +97,16 @@ class LineGraphBuilder:
         line.last_time = update.times[line.key] = now
 
     def new_line(
-        self, track: LineTrack, intervals: Sequence[Interval], now: float, update: GraphUpdate
+        self,
+        track: LineTrack,
+        intervals: Sequence[Interval],
+        now: float,
+        update: GraphUpdate,
+        distance: float,
     ) -> Landmark | None:
         """Give a track a variable, with factors in all intervals that saw it.
+
+        `distance` (m) is the `usual_distance` of lines.
 
         Returns:
             The line; None if it cannot be triangulated yet.
@@ -128,7 +139,7 @@ class LineGraphBuilder:
         for interval, index, sightings in seen:
             self.observe(interval, line, index, sightings, now, update)
         of_first = first.interval.observations[-1]
-        for factor in new_line_factors(first.interval.node, of_first, self._config):
+        for factor in new_line_factors(first.interval.node, of_first, self._config, distance):
             update.factors.add(factor)
         return line
 
@@ -149,8 +160,7 @@ class LineGraphBuilder:
         return InitialLine(fit.chart, fit.covariance)
 
     def _check(self, initial: InitialLine) -> None:
-        inverse, slope = initial.chart.inverse_distance(np.zeros(4))
-        sigma = math.sqrt(float(slope @ initial.covariance @ slope))
+        inverse, sigma = initial.inverse_distance()
         behind = inverse < -self._config.behind_sigmas * sigma
         if behind or abs(inverse) > 1.0 / self._config.min_distance:
             raise ImpossibleLineError(f"one over its distance is {inverse:.2g} 1/m")

@@ -15,6 +15,7 @@ import numpy as np
 from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother
 from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.landmarks import Landmark, record_extent
+from ruledgraph.backend.line_distance import usual_distance
 from ruledgraph.backend.line_factors import EdgeModel, observation
 from ruledgraph.backend.line_fit import line_fit
 from ruledgraph.backend.line_graph_builder import ImpossibleLineError, LineGraphBuilder
@@ -69,6 +70,7 @@ class LineMap:
 
         Observations that are `made` were `compared`.
         """
+        distance = self._usual_distance()
         for track in tracks:
             line = self.lines.get(track.id)
             if line is not None:
@@ -77,7 +79,7 @@ class LineMap:
                 own = made.get(track.id)
                 self._builder.observe(intervals[-1], line, *seen, now, update, own)
             elif self._is_mature(track, now):
-                self._enter(track, intervals, now, update)
+                self._enter(track, intervals, now, update, distance)
 
     def compared(
         self, interval: Interval, tracks: Iterable[LineTrack]
@@ -92,15 +94,26 @@ class LineMap:
             if line is not None and seen[0]
         }
 
+    def _usual_distance(self) -> float:
+        known = [line.inverse_distance() for line in self.lines.values()]
+        return usual_distance(
+            known + self._builder.initial_distances(), self._config.prior_distance
+        )
+
     def _is_mature(self, track: LineTrack, time: float) -> bool:
         is_old = time - track.first_time >= self._min_track_age
         return self._builder.has_initial_line(track.id) or (is_old and track.in_view)
 
     def _enter(
-        self, track: LineTrack, intervals: Sequence[Interval], now: float, update: GraphUpdate
+        self,
+        track: LineTrack,
+        intervals: Sequence[Interval],
+        now: float,
+        update: GraphUpdate,
+        distance: float,
     ) -> None:
         try:
-            line = self._builder.new_line(track, intervals, now, update)
+            line = self._builder.new_line(track, intervals, now, update, distance)
         except ImpossibleLineError:
             self.rejected.add(track.id)
         else:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.landmarks import Landmark
+from ruledgraph.backend.line_distance import usual_distance
 from ruledgraph.backend.line_factors import new_line_factors
 from ruledgraph.backend.self_calibration import add_self_calibration
 from ruledgraph.backend.states import Interval, StateNode, joint_prior
@@ -34,7 +35,8 @@ def rebuilt(
         update.insert(node)
     for before, interval in zip((None, *intervals), intervals, strict=False):
         add_self_calibration(update, interval, before, config)
-    kept = {id(line) for line in lines}
+    kept = {id(line): line.inverse_distance() for line in lines}
+    distance = usual_distance(kept.values(), config.lines.prior_distance)
     for interval in intervals:
         for factor in interval.imu_factors:
             # A rest's first state may have left.
@@ -47,7 +49,7 @@ def rebuilt(
                 continue
             factors.add(seen.factor)
             if line.key not in times:
-                for factor in new_line_factors(interval.node, seen, config.lines):
+                for factor in new_line_factors(interval.node, seen, config.lines, distance):
                     factors.add(factor)
                 values.insert(line.key, line.delta)
                 times[line.key] = line.last_time

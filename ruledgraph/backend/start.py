@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import gtsam
+import numpy as np
 
+from ruledgraph.backend.line_distance import InverseDistance
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph_factors import LineChart
@@ -18,6 +20,10 @@ class InitialLine(NamedTuple):
     chart: LineChart
     covariance: FloatArray
     """Of delta, (4, 4), the states being known."""
+
+    def inverse_distance(self) -> InverseDistance:
+        """One over the distance from the anchor, 1/m."""
+        return InverseDistance.of(self.chart, np.zeros(4), self.covariance)
 
     @classmethod
     def at(cls, chart: LineChart, delta: FloatArray, covariance: FloatArray) -> "InitialLine":

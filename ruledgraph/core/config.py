@@ -44,7 +44,8 @@ class LinesConfig(Section):
     new_plane_sigma: float = number(0.05, "rad", 1e-4, 1.0)
     """Deviation of a new line's points in the loose factor that holds its plane."""
     prior_distance: float = number(3.0, "m", 0.01, 1e4)
-    """Median distance of a new line from the camera, before it is seen from two positions."""
+    """Distance of a line from the camera, before any is known; it counts as one line's among those
+    that are known, whose geometric mean a new one is expected at."""
     prior_distance_factor: float = number(4.0, "", 1.01, 1e3)
     """By what factor that may be wrong, one standard deviation."""
     covariances_per_state: int = number(4, "", 1, 200)

@@ -151,8 +151,8 @@ def test_with_a_quadratic_loss_it_is_the_ratio_of_two_gaussians() -> None:
         assert found.jacobian is not None
         r.append(found.value)
         H.append(found.jacobian[:, :15])
-        by_line = found.jacobian[:, -4:]
-        R.append(by_line @ seen.line.covariance @ by_line.T + np.eye(len(by_line)) * model.sigma**2)
+        by_line, variance = found.jacobian[:, -4:], model.sigma**2 / seen.line.weight
+        R.append(by_line @ seen.line.covariance @ by_line.T + np.eye(len(by_line)) * variance)
     value, jacobian, noise = np.concatenate(r), np.concatenate(H), block_diag(*R)
     of_none, of_jump = (noise + jacobian @ each @ jacobian.T for each in (P, jumped))
     ratio = value @ (np.linalg.solve(of_none, value) - np.linalg.solve(of_jump, value))

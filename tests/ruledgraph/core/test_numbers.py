@@ -18,11 +18,11 @@ ALLOWED = {
         "JUMP_DOF": "three axes of two sensors",
         "_CONVERGED": "far below one, a standard deviation",
         "_MOST_ITERATIONS": MEMORY,
-        "_KNOWN": "three standard deviations",
         "_QUADRATIC": NUMERICS,
     },
     "backend/innovation.py": {"_LEAST_GAIN": "below it what images tell is lost in linearisation"},
     "backend/landmarks.py": {"_KEPT": MEMORY, "_INFINITE": NUMERICS, "_PARALLEL": NUMERICS},
+    "backend/line_distance.py": {"_KNOWN": "three standard deviations"},
     "backend/line_fit.py": {"_AT_INFINITY": NUMERICS},
     "backend/line_weights.py": {"_NO_NOISE": NUMERICS},
     "backend/line_merging.py": {
