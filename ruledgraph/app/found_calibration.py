@@ -15,21 +15,31 @@ from ruledgraph.odometry import Odometry
 
 def calibration_summary(odometry: Odometry) -> dict[str, Any]:
     """Time offset, extrinsics and readout: what was given and found."""
-    readout = odometry.calibration.readout
-    rolling = {"readout_s": readout} if readout else {}
+    readout, found_readout = odometry.calibration.readout, odometry.clock_search.readout.found
+    rolling: dict[str, Any] = {"readout_s": readout} if readout else {}
+    if found_readout is not None:
+        rolling = {"readout_s": found_readout[0], "readout_sigma_s": found_readout[1]}
     found = {"time_offset": _time_offset(odometry), "extrinsics": _extrinsics(odometry)}
     return found | rolling
 
 
 def write_found_calibration(odometry: Odometry, path: Path) -> None:
-    """Write the calibration with the time offset and the extrinsics as they are known by now; the
-    rest, such as the IMU's noise figures, as given.
+    """Write the calibration with the time offset, the extrinsics and the readout as they are known
+    by now; the rest, such as the IMU's noise figures, as given.
 
     Raises:
         CalibrationError: when it cannot be written.
     """
-    offset, body_T_cam = odometry.time_offset.value, odometry.mounting.calibration.body_T_cam
-    found = dataclasses.replace(odometry.calibration, body_T_cam=body_T_cam, time_offset=offset)
+    known = odometry.mounting.calibration
+    offset = odometry.time_offset.value
+    if known.stamp_at_middle_row:
+        offset -= 0.5 * known.readout  # the file's is of the first row
+    found = dataclasses.replace(
+        odometry.calibration,
+        body_T_cam=known.body_T_cam,
+        line_delay=known.line_delay,
+        time_offset=offset,
+    )
     write_kalibr(found, path)
 
 

@@ -70,7 +70,9 @@ def _accuracy(accuracies: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 def _offset(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if "readout_s" in summary:
-        yield "Readout", f"{1e3 * summary['readout_s']:.1f} ms of a rolling shutter, as given"
+        sigma = summary.get("readout_sigma_s")
+        known = "as given" if sigma is None else f"± {1e3 * sigma:.1f} ms, found in the images"
+        yield "Readout", f"{1e3 * summary['readout_s']:.1f} ms of a rolling shutter, {known}"
     offset = summary.get("time_offset")
     if not offset:
         return

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""The camera's pose in the body, as it is known by now."""
+"""The camera's pose in the body and its readout, as they are known by now."""
 
 import dataclasses
 
@@ -15,7 +15,7 @@ from ruledgraph.core.timing import Messages
 
 
 class CameraMounting:
-    """Keeps what windows find of the camera's pose in the body.
+    """Keeps what windows find of the camera's pose in the body, and images of its readout.
 
     Args:
         calibration: whose pose it is until then.
@@ -27,7 +27,7 @@ class CameraMounting:
         self, calibration: Calibration, config: ExtrinsicsConfig, warnings: Messages
     ) -> None:
         self.calibration = calibration
-        """With the pose as it is known by now."""
+        """With pose and readout as they are known by now."""
         self._given = calibration.body_T_cam
         self._covariance = np.diag(
             np.repeat([config.rotation_sigma**2, config.translation_sigma**2], 3)
@@ -48,6 +48,13 @@ class CameraMounting:
         pose = gtsam.Pose3(gtsam.Rot3(body_R_cam), translation)
         self.calibration = dataclasses.replace(self.calibration, body_T_cam=pose)
         self._covariance[3:, 3:] += np.eye(3) * float(translation @ translation)
+
+    def read_rows_within(self, readout: float) -> None:
+        """Take a rolling shutter's readout, s; the stamps are those of the middle row, which clock
+        offsets were found for so far.
+        """
+        calibration = self.calibration.with_readout(readout)
+        self.calibration = dataclasses.replace(calibration, stamp_at_middle_row=True)
 
     def update(self, extrinsics: Extrinsics | None) -> None:
         """Take in an estimate."""

@@ -19,6 +19,7 @@ def write_kalibr(calibration: Calibration, path: str | Path) -> None:
         CalibrationError: when the file exists or cannot be written.
     """
     camera, noise = calibration.camera, calibration.imu_noise
+    line_delay = calibration.line_delay
     words = kalibr_words(camera)
     rows = [_list(row) for row in calibration.body_T_cam.inverse().matrix()]
     lines = ["cam0:", "  T_cam_imu:", *(f"  - {row}" for row in rows)]
@@ -31,7 +32,7 @@ def write_kalibr(calibration: Calibration, path: str | Path) -> None:
         *([f"  rostopic: {calibration.image_topic}"] if calibration.image_topic else []),
         f"  timeshift_cam_imu: {_number(calibration.time_offset)}",
         *(["  timeshift_exact: true"] if calibration.time_offset_exact else []),
-        *([f"  line_delay: {_number(calibration.line_delay)}"] if calibration.line_delay else []),
+        *([] if line_delay is None else [f"  line_delay: {_number(line_delay)}"]),
         "imu0:",
         *(f"  {key}: {_number(getattr(noise, name))}" for name, key in NOISE_KEYS.items()),
         *([f"  rostopic: {calibration.imu_topic}"] if calibration.imu_topic else []),

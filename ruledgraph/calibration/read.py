@@ -68,10 +68,16 @@ def read_calibration(
             "timeshift_cam_imu", -_LARGEST_TIME_OFFSET, _LARGEST_TIME_OFFSET, default=0.0
         ),
         time_offset_exact=section.flag("timeshift_exact"),
-        line_delay=section.number("line_delay", 0.0, _LARGEST_LINE_DELAY, default=0.0),
+        line_delay=_line_delay(section),
         image_topic=section.text("rostopic") or None,
         imu_topic=(sources.imu.text("rostopic") or None) if sources.imu else None,
     )
+
+
+def _line_delay(section: Section) -> float | None:
+    if "line_delay" not in section.values:
+        return None
+    return section.number("line_delay", 0.0, _LARGEST_LINE_DELAY)
 
 
 @dataclass

@@ -270,18 +270,25 @@ class Calibration:
     time_offset_exact: bool = False
     """Whether `time_offset` is exact, as of cameras that the IMU's clock triggers, and not to be
     estimated (`timeshift_exact: true` beside `timeshift_cam_imu`)."""
-    line_delay: float = 0.0
-    """s; row r of an image is exposed r line_delay later than row 0, which the stamp belongs to
-    (Kalibr's `line_delay`). 0: a global shutter."""
+    line_delay: float | None = None
+    """s; row r of an image is exposed r line_delay later than row 0 (Kalibr's `line_delay`). 0: a
+    global shutter; None: not known, a global shutter unless the images show another."""
+    stamp_at_middle_row: bool = False
+    """Whether the stamp of an image is that of its middle row, not of the first one."""
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.line_delay < np.inf:
+        if not 0.0 <= (self.line_delay or 0.0) < np.inf:
             raise RuledgraphError(f"line_delay = {self.line_delay} s is negative or not finite")
 
     @property
     def readout(self) -> float:
         """From the first row's exposure to the last one's, s."""
-        return self.line_delay * (self.camera.height - 1)
+        return (self.line_delay or 0.0) * (self.camera.height - 1)
+
+    @property
+    def middle_row_delay(self) -> float:
+        """From the stamp of an image to the exposure of its middle row, s."""
+        return 0.0 if self.stamp_at_middle_row else 0.5 * self.readout
 
     def with_readout(self, readout: float) -> "Calibration":
         """The same with another time from the first row to the last, s."""

@@ -35,6 +35,8 @@ class Synchronizer:
         """The frames that were processed."""
         self.offset_correction = 0.0
         """What is added to the calibration's time offset for the frames to come, s."""
+        self.readout = calibration.readout
+        """For which the IMU's samples are needed about a frame's time, s."""
         self.image_rests: Callable[[], bool] = lambda: False
         """Whether the image shows no motion: then an IMU that repeats its reading does not hang."""
         self._config = config
@@ -53,10 +55,6 @@ class Synchronizer:
         """The latest samples."""
         return self._imu_input.buffer
 
-    @property
-    def _half_readout(self) -> float:
-        return 0.5 * self._calibration.readout
-
     def seconds(self, stamp: int) -> float:
         """Time of a stamp of the IMU's clock: since the first one."""
         if self._origin is None:
@@ -64,11 +62,9 @@ class Synchronizer:
         return (stamp - self._origin) * 1e-9
 
     def frame_time(self, frame: Frame) -> float:
-        """Of the IMU's clock, s; of a rolling shutter that of the middle row, half the readout
-        after the stamp's.
-        """
-        first_row = self._calibration.time_offset + self.offset_correction
-        return self.seconds(frame.stamp) + first_row + self._half_readout
+        """Of the IMU's clock, s; of a rolling shutter that of the middle row."""
+        of_stamp = self._calibration.time_offset + self.offset_correction
+        return self.seconds(frame.stamp) + of_stamp + self._calibration.middle_row_delay
 
     def add_imu(self, sample: ImuSample) -> Gap | None:
         """Take in a sample, see `ImuInput.add`; a stamp in another unit is a `RuledgraphError`."""
@@ -110,7 +106,7 @@ class Synchronizer:
         frame = self._waiting.first
         if frame is None:
             return None
-        time = self.frame_time(frame) + self._half_readout
+        time = self.frame_time(frame) + 0.5 * self.readout
         if self.imu.latest < time and self.imu.hangs_for > 0.0 and self.image_rests():
             self.imu.accept_repeats()
         if self.imu.latest < time:
@@ -150,7 +146,7 @@ class Synchronizer:
         sample or after a later frame.
         """
         seen = FrameTime(frame.stamp, self.frame_time(frame))
-        if not self.imu.covers(seen.time - self._half_readout, seen.time + self._half_readout):
+        if not self.imu.covers(seen.time - 0.5 * self.readout, seen.time + 0.5 * self.readout):
             if self.imu.earliest - seen.time > _UNRELATED:
                 self._warnings.once(
                     "images are behind the IMU",

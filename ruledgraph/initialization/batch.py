@@ -99,6 +99,7 @@ class Batch:
             numpy.linalg.LinAlgError: for a system that is indeterminate.
         """
         self._cauchy_px = cauchy_px
+        self._recentre()
         self._problem = self._built(effort.chunk)
         self._at = minimized(self._problem, self._at, effort.iterations)
         self.error = self._problem.cost(self._at)
@@ -107,6 +108,17 @@ class Batch:
         return BatchProblem(
             self._window, self._upright, self.bias, self._charts, self._cauchy_px, chunk
         )
+
+    def _recentre(self) -> None:
+        """Charts about the lines: their priors would draw them, and with them the scale, to the
+        distance at which a hypothesis began.
+        """
+        charts = [
+            chart.recentred(delta)[0]
+            for chart, delta in zip(self._charts, self._at.deltas, strict=True)
+        ]
+        self._charts = charts
+        self._at = self._at._replace(deltas=np.zeros((len(charts), 4)))
 
     def triangulate_anew(self) -> None:
         """Replace lines, stuck at a wrong distance or direction, that fit better when the motion

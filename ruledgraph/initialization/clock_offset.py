@@ -81,7 +81,7 @@ class ClockOffsetFinder:
 
     def add_image(self, time: float, image: NDArray[np.uint8]) -> None:
         """The next image, with its stamp in s."""
-        time += 0.5 * self._calibration.readout  # of the middle row
+        time += self._calibration.middle_row_delay
         if self._before is not None:
             before, last = self._before
             if time - before < _APART:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""When clock offset and mounting are looked for in a stream, and what is done with them.
+"""When clock offset, mounting and readout are looked for in a stream, and what is done with them.
 
 From the first images of a segment on until it is found: before the start, and where that was at
 rest in the first second that turns. It is used where it differs significantly from what was known.
@@ -16,6 +16,7 @@ from ruledgraph.core.timing import Messages
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.initialization.clock_offset import ClockOffset, ClockOffsetFinder, covered
 from ruledgraph.initialization.mounting_check import check_mounting
+from ruledgraph.initialization.readout_search import ReadoutSearch
 from ruledgraph_factors import ImuSamples
 
 # Standard deviations.
@@ -32,6 +33,8 @@ class ClockSearch:
         """The last one, whether used or not."""
         self.used = False
         """Whether frames were timed with one that was found."""
+        self.readout = ReadoutSearch(mounting, config.start.gyroscope_bias, warnings)
+        """Of the camera's rows, looked for in the same images."""
         self._mounting = mounting
         self._warnings = warnings
         self._finder: ClockOffsetFinder | None = None
@@ -46,6 +49,7 @@ class ClockSearch:
 
     def add_image(self, time: float, image: NDArray[np.uint8]) -> None:
         """The next image, with its stamp in s."""
+        self.readout.add_image(time, image)
         if self._finder is not None:
             self._finder.add_image(time, image)
 
@@ -60,6 +64,7 @@ class ClockSearch:
                 images of a plane turn in two ways equally well (that of the camera, and one that
                 explains the translation).
         """
+        self.readout.search(imu)
         if self._finder is None:
             return None
         samples = imu.between(-np.inf, np.inf)

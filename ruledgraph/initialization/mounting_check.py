@@ -14,11 +14,11 @@ from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.initialization.clock_offset import fit_offset
 from ruledgraph.initialization.image_rotation import PointPairs
-from ruledgraph.initialization.rotation_fit import RotationFit, body_rotations
+from ruledgraph.initialization.rotation_fit import LEAST_TURNING, RotationFit, turning
 from ruledgraph_factors import ImuSamples
 
-# Pairs of images and turning (rad/s, root mean square) without which nothing can be said.
-_FEWEST_PAIRS, _LEAST_TURNING = 20, 0.05
+# Pairs of images without which nothing can be said.
+_FEWEST_PAIRS = 20
 # The error of another mounting must be this much smaller for a warning.
 _BETTER = 0.7
 
@@ -68,10 +68,7 @@ def check_mounting(
         None where there are too few pairs, or they turn too little.
     """
     offset = calibration.time_offset
-    rates = body_rotations(pairs, samples, offset) / np.diff(pairs.times, axis=1)
-    if len(rates) < _FEWEST_PAIRS:
-        return None
-    if np.sqrt(np.sum(np.var(rates, axis=0))) < _LEAST_TURNING:
+    if len(pairs.times) < _FEWEST_PAIRS or turning(pairs, samples, offset) < LEAST_TURNING:
         return None
     found = fit_offset(pairs, samples, calibration, bias_sigma)
     if found is not None:

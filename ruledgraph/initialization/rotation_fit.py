@@ -21,6 +21,8 @@ from ruledgraph_factors import ImuSamples
 
 PARAMETERS = 7
 """Of the offset (s), the bias (rad/s) and the mounting (rad)."""
+LEAST_TURNING = 0.05
+"""`turning` without which nothing can be said, rad/s."""
 # Of the derivative by the offset, s.
 _DIFFERENCE = 0.004
 # Standard deviation of a calibrated mounting's rotation, per axis, rad.
@@ -36,6 +38,12 @@ def body_rotations(pairs: PointPairs, samples: ImuSamples, offset: float) -> Flo
         for t in pairs.times.T
     ]
     return np.asarray(ends[1] - ends[0])
+
+
+def turning(pairs: PointPairs, samples: ImuSamples, offset: float) -> float:
+    """How much the gyroscope's rate changes from pair to pair, root mean square, rad/s."""
+    rates = body_rotations(pairs, samples, offset) / np.diff(pairs.times, axis=1)
+    return float(np.sqrt(np.sum(np.var(rates, axis=0))))
 
 
 class LinearFit:

@@ -53,7 +53,7 @@ def _turned(
     seen = rays[there]
     rows = calibration.camera.distort(seen[:, :2] / seen[:, 2:]).pixels[:, 1]
     own = np.broadcast_to(middle[:, None], there.shape)[there]
-    exposed = own + rows * calibration.line_delay - 0.5 * calibration.readout
+    exposed = own + rows * (calibration.line_delay or 0.0) - 0.5 * calibration.readout
     turn = [np.interp(exposed, times, a) - np.interp(own, times, a) for a in angles.T]
     R, _ = exp_and_right_jacobian(np.stack(turn, axis=1))
     found = rays.copy()

@@ -96,7 +96,8 @@ class RealSense(Closing):
         turned = _pose(self._streams.gyroscope.get_extrinsics_to(imu)).rotation().matrix()
         if np.abs(turned - np.eye(3)).max() > _SAME_AXES:
             raise RuledgraphError("the gyroscope's axes are not the accelerometer's")
-        return Calibration(camera, _pose(self._streams.infrared.get_extrinsics_to(imu)), noise)
+        body_T_cam = _pose(self._streams.infrared.get_extrinsics_to(imu))
+        return Calibration(camera, body_T_cam, noise, line_delay=0.0)
 
     def start(self, on_image: OnImage, on_imu: OnImu) -> None:
         """Stream; both are called from threads of librealsense.

@@ -39,7 +39,7 @@ class EstimateReporter:
         monitor: of its integrity.
         imu: samples that cover the window.
         noise: of the IMU.
-        half_readout: how much later than its stamp a frame's time is, s: that of the middle row.
+        middle_row_delay: how much later than its stamp a frame's time is, s.
             Estimates are of the stamp.
         lines: settings of their ends.
         hold: keep everything back until `release`.
@@ -52,7 +52,7 @@ class EstimateReporter:
         monitor: IntegrityMonitor,
         imu: ImuBuffer,
         noise: ImuNoise,
-        half_readout: float,
+        middle_row_delay: float,
         lines: LinesConfig,
         hold: bool,
     ) -> None:
@@ -61,7 +61,7 @@ class EstimateReporter:
         self._monitor = monitor
         self._imu = imu
         self._noise = noise
-        self._half_readout = half_readout
+        self._middle_row_delay = middle_row_delay
         self._extent_outliers = lines.extent_outliers
         self._live_by_stamp: dict[int, Estimate] = {}
         self._held = Output() if hold else None
@@ -168,7 +168,7 @@ class EstimateReporter:
         velocities = motion.velocities(node.state, node.bias, interval.gravity)
         states = zip(interval.stamps, interval.poses(), velocities, covariances, strict=True)
         found = [_FrameState(*state) for state in states]
-        if self._half_readout:
+        if self._middle_row_delay:
             times = node.time + motion.elapsed + interval.residual_offset
             found = [
                 self._moved_to_stamp(frame, node.bias, time)
@@ -187,8 +187,8 @@ class EstimateReporter:
         self, state: gtsam.NavState, bias: gtsam.imuBias.ConstantBias, time: float
     ) -> tuple[gtsam.Pose3, FloatArray]:
         """Pose and velocity at a frame's stamp, from the state at its time, s."""
-        if self._half_readout:
-            state = state_before(self._imu, state, bias, time, self._half_readout)
+        if self._middle_row_delay:
+            state = state_before(self._imu, state, bias, time, self._middle_row_delay)
         return state.pose(), state.velocity()
 
     def lines(self, landmarks: Iterable[Landmark]) -> None:

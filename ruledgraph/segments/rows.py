@@ -43,7 +43,7 @@ def row_motion(
     relative = [middle.between(camera) for camera in cameras]
     return RowMotion(
         camera=calibration.camera,
-        line_delay=calibration.line_delay,
+        line_delay=calibration.line_delay or 0.0,
         times=times,
         turns=np.array([gtsam.Rot3.Logmap(pose.rotation()) for pose in relative]),
         positions=None if state is None else np.array([p.translation() for p in relative]),

@@ -59,7 +59,7 @@ class TrajectorySegment:
             self.monitor,
             imu,
             noise,
-            0.5 * calibration.readout,
+            calibration.middle_row_delay,
             config.lines,
             hold=not self.confirmed,
         )

@@ -30,6 +30,7 @@ D435I = Calibration(
     CameraModel(640, 480, 385.2, 384.9, 320.3, 238.6),
     gtsam.Pose3(gtsam.Rot3.RzRyRx(0.004, -0.006, 0.003), np.array([0.0055, -0.0051, -0.0117])),
     D435I_LIKE,
+    line_delay=0.0,
 )
 """Like an Intel RealSense D435i: its rectified infrared camera at 640 x 480, and its IMU."""
 

@@ -149,3 +149,37 @@ def test_info_notices_another_readout_than_the_calibrations() -> None:
     assert told(READOUT, READOUT) == told(0.0, 0.0) == []
     (too_much,) = told(0.0, READOUT)
     assert too_much < 8.0
+
+
+@pytest.mark.parametrize("readout", [0.0, READOUT])
+def test_a_readout_of_which_the_calibration_says_nothing(readout: float) -> None:
+    """It is found, and used from then on; of a global shutter nothing changes."""
+    simulation = new_small_simulation(1, True, duration=9.0, readout=readout)
+    stream = tuple(simulation.stream())
+    unknown = replace(simulation.calibration, line_delay=None)
+    odometry, live, _ = run(stream, unknown)
+    ignoring, plain, _ = run(stream, unknown.with_readout(0.0))
+    found = odometry.clock_search.readout.found
+    told = [w for w in map(str, odometry.warnings) if "rows are read within" in w]
+    assert ignoring.clock_search.readout.found is None
+    if not readout:
+        assert found is None
+        assert not told
+        assert [e.position.tolist() for e in live] == [e.position.tolist() for e in plain]
+        return
+    assert found is not None
+    assert len(told) == 1
+    value, sigma = found
+    assert value == pytest.approx(readout, abs=3.0 * sigma)
+    assert sigma < 0.005
+    # The stamps, of the first rows, count as those of the middle rows, of which the poses are.
+    late = round(0.5e9 * readout)
+    last = [[e for e in own if e.stamp > live[-1].stamp - 3_000_000_000] for own in (live, plain)]
+    assert min(len(own) for own in last) > 60
+    of_found, of_plain = (ate_at(own, simulation, late) for own in last)
+    assert of_found < 0.5 * of_plain
+
+
+def ate_at(estimates: list[Estimate], simulation: Simulation, late: int) -> float:
+    """As `ate`, of poses so much later (ns) than their stamps."""
+    return ate([replace(e, stamp=e.stamp + late) for e in estimates], simulation)

@@ -38,6 +38,8 @@ def test_shares_are_of_the_right_whole():
     assert "Readout" not in found
     assert "Extrinsics" not in found
     assert rows(readout_s=0.02)["Readout"] == "20.0 ms of a rolling shutter, as given"
+    found = rows(readout_s=0.0251, readout_sigma_s=0.0037)["Readout"]
+    assert found == "25.1 ms of a rolling shutter, ± 3.7 ms, found in the images"
 
 
 def test_how_well_the_noise_figures_fit():

@@ -69,7 +69,7 @@ def test_a_file_can_say_that_the_time_offset_is_exact(tmp_path):
 
 
 def test_line_delay_is_read_and_written(tmp_path):
-    """Kalibr's seconds per row; without it the shutter is global, and nothing is written of it."""
+    """Kalibr's seconds per row, none of a global shutter; without it nothing is known of it."""
     (tmp_path / "imu.yaml").write_text(IMU)
     (tmp_path / "rolling.yaml").write_text(CAM0 + "  line_delay: 3.0e-05\n")
     rolling = read_calibration(tmp_path / "rolling.yaml", tmp_path / "imu.yaml")
@@ -78,8 +78,18 @@ def test_line_delay_is_read_and_written(tmp_path):
     write_kalibr(rolling, tmp_path / "written.yaml")
     assert_same(read_calibration(tmp_path / "written.yaml"), rolling)
     write_kalibr(rolling.with_readout(0.0), tmp_path / "global.yaml")
-    assert "line_delay" not in (tmp_path / "global.yaml").read_text()
     assert read_calibration(tmp_path / "global.yaml").line_delay == 0.0
+    write_kalibr(replace(rolling, line_delay=None), tmp_path / "unknown.yaml")
+    assert "line_delay" not in (tmp_path / "unknown.yaml").read_text()
+    unknown = read_calibration(tmp_path / "unknown.yaml")
+    assert unknown.line_delay is None
+    assert unknown.readout == unknown.middle_row_delay == 0.0
+
+
+def test_a_stamp_is_of_the_first_row_or_of_the_middle_one():
+    rolling = Calibration(CAMERA0, gtsam.Pose3(), D435I_LIKE).with_readout(0.02)
+    assert rolling.middle_row_delay == pytest.approx(0.01)
+    assert replace(rolling, stamp_at_middle_row=True).middle_row_delay == 0.0
 
 
 @pytest.mark.parametrize("wrong", [-1e-9, np.nan, np.inf])
