@@ -45,7 +45,7 @@ class Variation:
     moved_mm: float = 0.0
     """The same in a random direction."""
     readout_ms: float = 0.0
-    """Of a rolling shutter, which the calibration knows."""
+    """Of a rolling shutter, of which the calibration says nothing."""
     focal_percent: float = 0.0
     """By which the calibration's focal length is too long."""
     imu_noise: float = 1.0
@@ -123,15 +123,18 @@ def told(true: Calibration, case: Case) -> Calibration:
         1e-3 * case.variation.moved_mm * way,
     )
     scaled = faults.scaled_focal_length(true, 1.0 + 0.01 * case.variation.focal_percent)
-    return replace(scaled, body_T_cam=true.body_T_cam.compose(off), time_offset=0.0)
+    body_T_cam = true.body_T_cam.compose(off)
+    return replace(scaled, body_T_cam=body_T_cam, time_offset=0.0, line_delay=None)
 
 
 def truth_of(simulation: Simulation) -> GroundTruth:
-    """At the stamps of the frames, which the clock offset moves."""
-    states = simulation.ground_truth
+    """At the stamps of the frames, which the clock offset moves; where the calibration says nothing
+    of rows they are those of the middle rows.
+    """
+    true, stamps = simulation.calibration, simulation.ground_truth.stamps
+    states = simulation.truth(stamps + round(1e9 * true.middle_row_delay))
     quaternions = Rotation.from_matrix(states.rotation).as_quat()
-    shift = round(1e9 * simulation.calibration.time_offset)
-    return GroundTruth(states.stamps - shift, states.position, quaternions)
+    return GroundTruth(stamps - round(1e9 * true.time_offset), states.position, quaternions)
 
 
 def result_of(case: Case, settings: Sequence[str] = ()) -> Result:
@@ -175,11 +178,14 @@ def _recovered(summary: dict[str, Any], true: Calibration) -> dict[str, tuple[fl
     found = {}
     offset, extrinsics = summary["time_offset"], summary["extrinsics"]
     if offset["estimated"]:
-        error = abs(offset["s"] - true.time_offset)
+        error = abs(offset["s"] - true.time_offset - true.middle_row_delay)
         found["offset_ms"] = (1e3 * offset["s"], 1e3 * error, 1e3 * offset["sigma_s"])
     if extrinsics["estimated"]:
         body_T_cam = gtsam.Pose3(np.array(extrinsics["T_cam_imu"])).inverse()
         left = true.body_T_cam.rotation().logmap(body_T_cam.rotation())
         error = float(np.degrees(np.linalg.norm(left)))
         found["turned_deg"] = (extrinsics["rotation_deg"], error, extrinsics["sigma_rotation_deg"])
+    if "readout_sigma_s" in summary:
+        value, sigma = summary["readout_s"], summary["readout_sigma_s"]
+        found["readout_ms"] = (1e3 * value, 1e3 * abs(value - true.readout), 1e3 * sigma)
     return found

@@ -52,7 +52,17 @@ def test_each_defect_is_in_the_recording_and_unknown_to_the_calibration():
     assert calibration.camera.fx == pytest.approx(1.03 * true.camera.fx)
     assert calibration.camera.cx == true.camera.cx
     true, calibration = told_of(small(readout_ms=20.0, rate=20.0))
-    assert true.readout == calibration.readout == pytest.approx(0.02)
+    assert true.readout == pytest.approx(0.02)
+    assert calibration.line_delay is None
+
+
+def test_the_truth_of_an_unknown_readout_is_that_of_the_middle_rows():
+    good, rolling = (simulated(small(readout_ms=ms, rate=20.0)) for ms in (0.0, 20.0))
+    own, truth = truth_of(good), truth_of(rolling)
+    np.testing.assert_array_equal(truth.stamps, own.stamps)
+    moved = good.truth(own.stamps + 10_000_000).position
+    np.testing.assert_allclose(truth.positions, moved, atol=1e-12)
+    assert np.abs(moved - own.positions).max() > 1e-3
 
 
 def test_stamps_of_frames_and_truth_move_by_the_clock_offset():
@@ -119,6 +129,11 @@ def test_figures_of_a_summary_with_the_truth():
     result = figures(summary, None, true)
     assert (result.degraded, result.first_pose) == (0.0, None)
     assert set(result.recovered) == {"offset_ms"}
+    summary |= {"readout_s": 0.021, "readout_sigma_s": 0.004, "frames_estimated": 8}
+    rolling = true.with_readout(0.02)
+    recovered = figures(summary, None, rolling).recovered
+    assert recovered["readout_ms"] == pytest.approx((21.0, 1.0, 4.0))
+    assert recovered["offset_ms"] == pytest.approx((19.0, 11.0, 0.5))
 
 
 def test_the_report_counts_how_often_the_truth_is_within_three_sigma():
