@@ -23,8 +23,10 @@ def reweigh(intervals: Iterable[Interval], lines: Iterable[Landmark], prior: flo
     Student's t. With s_l^2 the mean square of its residuals in n_l intervals and s_0^2 the median
     of all lines', the weight is
 
-        w_l = (prior + n_l) / (prior + n_l s_l^2 / s_0^2).
+        w_l = min(1, (prior + n_l) / (prior + n_l s_l^2 / s_0^2)).
 
+    None counts for more than the noise figures say: what errs in the same way in all frames does
+    not show in residuals.
     The frames of an interval count as one, since the error of an edge changes slowly. What all
     lines have in common, such as blur or an error of the state, does not matter.
 
@@ -54,7 +56,7 @@ def reweigh(intervals: Iterable[Interval], lines: Iterable[Landmark], prior: flo
     points = np.array([sum(each.points.weight for each in own) for own in seen.values()])
     mean_squares = np.array([squares[key] for key in seen]) / points
     usual = max(float(np.median(mean_squares)), _NO_NOISE)
-    weights = (prior + counts) / (prior + counts * mean_squares / usual)
+    weights = np.minimum(1.0, (prior + counts) / (prior + counts * mean_squares / usual))
     for key, weight in zip(seen, weights.tolist(), strict=True):
         found[key].weight = weight
         for each in seen[key]:
