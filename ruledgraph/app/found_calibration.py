@@ -18,7 +18,7 @@ def calibration_summary(odometry: Odometry) -> dict[str, Any]:
     readout, found_readout = odometry.calibration.readout, odometry.clock_search.readout.found
     rolling: dict[str, Any] = {"readout_s": readout} if readout else {}
     if found_readout is not None:
-        rolling = {"readout_s": found_readout[0], "readout_sigma_s": found_readout[1]}
+        rolling = {"readout_s": found_readout.value, "readout_sigma_s": found_readout.sigma}
     found = {"time_offset": _time_offset(odometry), "extrinsics": _extrinsics(odometry)}
     return found | rolling
 
