@@ -35,12 +35,11 @@ class Synchronizer:
         """The frames that were processed."""
         self.offset_correction = 0.0
         """What is added to the calibration's time offset for the frames to come, s."""
-        self.readout = calibration.readout
-        """For which the IMU's samples are needed about a frame's time, s."""
         self.image_rests: Callable[[], bool] = lambda: False
         """Whether the image shows no motion: then an IMU that repeats its reading does not hang."""
         self._config = config
-        self._calibration = calibration
+        self.calibration = calibration
+        """Of the frames to come: their rows may be known later."""
         self._warnings = warnings
         self._origin: int | None = None
         self._imu_unit = StampUnit("IMU samples", CLOSEST_SAMPLES, MAX_IMU_GAP)
@@ -63,8 +62,8 @@ class Synchronizer:
 
     def frame_time(self, frame: Frame) -> float:
         """Of the IMU's clock, s; of a rolling shutter that of the middle row."""
-        of_stamp = self._calibration.time_offset + self.offset_correction
-        return self.seconds(frame.stamp) + of_stamp + self._calibration.middle_row_delay
+        of_stamp = self.calibration.time_offset + self.offset_correction
+        return self.seconds(frame.stamp) + of_stamp + self.calibration.middle_row_delay
 
     def add_imu(self, sample: ImuSample) -> Gap | None:
         """Take in a sample, see `ImuInput.add`; a stamp in another unit is a `RuledgraphError`."""
@@ -106,7 +105,7 @@ class Synchronizer:
         frame = self._waiting.first
         if frame is None:
             return None
-        time = self.frame_time(frame) + 0.5 * self.readout
+        time = self.frame_time(frame) + 0.5 * self.calibration.readout
         if self.imu.latest < time and self.imu.hangs_for > 0.0 and self.image_rests():
             self.imu.accept_repeats()
         if self.imu.latest < time:
@@ -122,7 +121,7 @@ class Synchronizer:
         latest, newest = self.imu.latest, self._image_input.newest
         if latest == -np.inf or self._ahead() > self._config.silent_time:
             return "IMU"
-        behind = self._config.silent_time + max(-self._calibration.time_offset, 0.0)
+        behind = self._config.silent_time + max(-self.calibration.time_offset, 0.0)
         return "images" if newest is None or latest - self.frame_time(newest) > behind else ""
 
     def _first_waiting(self) -> float:
@@ -137,7 +136,7 @@ class Synchronizer:
         if last is None:
             return 0.0
         since = self._first_waiting() if self.imu.latest == -np.inf else self.imu.latest
-        return self.frame_time(last) - since - max(self._calibration.time_offset, 0.0)
+        return self.frame_time(last) - since - max(self.calibration.time_offset, 0.0)
 
     # -- a frame's time --------------------------------------------------------------------------
 
@@ -146,7 +145,8 @@ class Synchronizer:
         sample or after a later frame.
         """
         seen = FrameTime(frame.stamp, self.frame_time(frame))
-        if not self.imu.covers(seen.time - 0.5 * self.readout, seen.time + 0.5 * self.readout):
+        half = 0.5 * self.calibration.readout
+        if not self.imu.covers(seen.time - half, seen.time + half):
             if self.imu.earliest - seen.time > _UNRELATED:
                 self._warnings.once(
                     "images are behind the IMU",

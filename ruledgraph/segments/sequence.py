@@ -88,12 +88,9 @@ class SegmentSequence:
 
     def row_motion(self, now: FrameTime) -> RowMotion | None:
         """The camera's motion during the frame, where `predicted` it; None of a global shutter."""
-        readout, sensors, segment = self._mounted.readout, self._stages.sensors, self.current
-        if not readout:
-            return None
-        # One that was just found needs samples after a frame's time, too.
-        sensors.readout, imu = readout, sensors.imu
-        if not imu.covers(now.time - 0.5 * readout, now.time + 0.5 * readout):
+        sensors, segment, half = self._stages.sensors, self.current, 0.5 * self._mounted.readout
+        sensors.calibration, imu = self._mounted, sensors.imu
+        if not (half and imu.covers(now.time - half, now.time + half)):
             return None
         known = (None, _NO_BIAS) if segment is None else (segment.state, segment.window.newest.bias)
         return row_motion(self._mounted, imu, now.time, *known)
