@@ -79,7 +79,13 @@ class LineMap:
                 own = made.get(track.id)
                 self._builder.observe(intervals[-1], line, *seen, now, update, own)
             elif self._is_mature(track, now):
-                self._enter(track, intervals, now, update, distance)
+                try:
+                    entered = self._builder.new_line(track, intervals, now, update, distance)
+                except ImpossibleLineError:
+                    self.rejected.add(track.id)
+                else:
+                    if entered is not None:
+                        self.lines[track.id] = entered
 
     def compared(
         self, interval: Interval, tracks: Iterable[LineTrack]
@@ -103,22 +109,6 @@ class LineMap:
     def _is_mature(self, track: LineTrack, time: float) -> bool:
         is_old = time - track.first_time >= self._min_track_age
         return self._builder.has_initial_line(track.id) or (is_old and track.in_view)
-
-    def _enter(
-        self,
-        track: LineTrack,
-        intervals: Sequence[Interval],
-        now: float,
-        update: GraphUpdate,
-        distance: float,
-    ) -> None:
-        try:
-            line = self._builder.new_line(track, intervals, now, update, distance)
-        except ImpossibleLineError:
-            self.rejected.add(track.id)
-        else:
-            if line is not None:
-                self.lines[track.id] = line
 
     # -- staying ---------------------------------------------------------------------------------
 

@@ -40,6 +40,8 @@ class ClockSearch:
         self._finder: ClockOffsetFinder | None = None
         self._checked = False
         self.restart()
+        if self._finder is not None and self.readout.finder is not None:
+            self._finder = self.readout.finder  # one for both, which tracks points once
 
     def restart(self) -> None:
         """A segment has ended."""
@@ -49,9 +51,9 @@ class ClockSearch:
 
     def add_image(self, time: float, image: NDArray[np.uint8]) -> None:
         """The next image, with its stamp in s."""
-        self.readout.add_image(time, image)
-        if self._finder is not None:
-            self._finder.add_image(time, image)
+        for finder in {self._finder, self.readout.finder}:
+            if finder is not None:
+                finder.add_image(time, image)
 
     def search(self, imu: ImuBuffer, known: TimeOffset, by_window: bool) -> TimeOffset | None:
         """The offset, if it is found by now and differs significantly from the known one.

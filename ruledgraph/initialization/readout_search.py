@@ -5,7 +5,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.core.timing import Messages
@@ -47,19 +46,15 @@ class ReadoutSearch:
         self._warnings = warnings
         self._first: ReadoutEstimate | None = None
         is_unknown = mounting.calibration.line_delay is None
-        self._finder = self._new_finder() if is_unknown else None
+        self.finder = self._new_finder() if is_unknown else None
+        """To be handed each image; None when no more are needed."""
 
     def _new_finder(self) -> ClockOffsetFinder:
         return ClockOffsetFinder(self._mounting.calibration, self._bias_sigma)
 
-    def add_image(self, time: float, image: NDArray[np.uint8]) -> None:
-        """The next image, with its stamp in s."""
-        if self._finder is not None:
-            self._finder.add_image(time, image)
-
     def search(self, imu: ImuBuffer) -> None:
         """Look at the last images, if there are enough of them since the last look."""
-        finder = self._finder
+        finder = self.finder
         if finder is None or finder.count < finder.most:
             return
         samples, as_global = imu.between(-np.inf, np.inf), self._mounting.calibration
@@ -68,14 +63,14 @@ class ReadoutSearch:
         if len(pairs.times) < finder.most // 2:
             return
         if turning(pairs, samples, as_global.time_offset) < LEAST_TURNING:
-            self._finder = self._new_finder()
+            self.finder = self._new_finder()
             return
         look = estimated_readout(pairs, samples, as_global, self._bias_sigma)
-        first, self._finder = self._first, None
+        first, self.finder = self._first, None
         if look is None or not look.is_certain:
             self._take(None)
         elif first is None:
-            self._first, self._finder = look, self._new_finder()
+            self._first, self.finder = look, self._new_finder()
             self._take(Readout(look.value, look.sigma))
         else:
             self._take(mean_of(first, look))
