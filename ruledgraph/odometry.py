@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The odometry: measurements in, estimates out. This file names the stages and their order."""
 
+from collections import deque
 from dataclasses import replace
 
 from ruledgraph.backend.sliding_window import Window
@@ -21,6 +22,9 @@ from ruledgraph.segments.stages import Stages
 
 # Measurements are kept this much longer than the window, s: more than a late frame needs.
 _SPARE = 0.5
+# s; the points of a rolling shutter are turned by the gyroscope of their rows' times. By so little
+# it matters little: hands turn a camera by 10 rad/s^2, over 10 ms of rows that is 0.2 px.
+_SAME_TURN = 5e-3
 
 
 class Odometry(Output):
@@ -40,6 +44,7 @@ class Odometry(Output):
         self._stages = Stages.build(calibration, config, self)
         self._segments = SegmentSequence(calibration, config, self._stages)
         self._kept = config.window.lag + _SPARE
+        self._kept_frames: deque[Frame] = deque()
 
     @property
     def status(self) -> str:
@@ -127,6 +132,36 @@ class Odometry(Output):
         self._segments.finish()
 
     def _process(self, frame: Frame) -> None:
+        self._keep(frame)
+        sensors, mounting = self._stages.sensors, self._stages.mounting
+        readout, correction = mounting.calibration.readout, sensors.offset_correction
+        self._estimate(frame)
+        moved = abs(mounting.calibration.readout - readout)
+        if mounting.calibration.readout:
+            moved = max(moved, abs(sensors.offset_correction - correction))
+        if moved > _SAME_TURN and not self._segments.has_start:
+            self._repeat()
+
+    def _keep(self, frame: Frame) -> None:
+        """The frames of the next start."""
+        if self._segments.has_start:
+            self._kept_frames.clear()
+            return
+        self._kept_frames.append(frame)
+        oldest = frame.stamp - round(1e9 * self._kept)
+        while self._kept_frames[0].stamp < oldest:
+            self._kept_frames.popleft()
+
+    def _repeat(self) -> None:
+        """Process the frames before a start anew: their rows were not read as it was thought."""
+        known = self._stages.sensors.frames
+        frames = [f for f in self._kept_frames if known and f.stamp >= known.first.stamp]
+        self._kept_frames.clear()
+        self._segments.begin_anew()
+        for frame in frames:
+            self._process(frame)
+
+    def _estimate(self, frame: Frame) -> None:
         sensors, front_end, segments = self._stages.sensors, self._stages.front_end, self._segments
         now = sensors.timed(frame)
         if now is None:

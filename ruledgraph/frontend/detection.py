@@ -109,7 +109,7 @@ class Detection:
             self._search = self._search._replace(time=self._search.time + change)
 
     def forget(self) -> None:
-        """Start no tracks in the frame that was searched."""
+        """Start no tracks in the frame that was searched; the next one is searched."""
         if self._search is not None:
             self._search.segments.cancel()
-        self._search = None
+        self._search, self._last = None, -math.inf

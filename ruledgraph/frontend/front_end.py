@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The front end: an image in, the edge points of the lines it follows out."""
 
-import sys
 from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
@@ -22,9 +21,6 @@ from ruledgraph.frontend.tracker import Tracker
 
 # Gradients, of eight times the memory of an image, are computed of so many frames ahead at most.
 _MOST_GRADIENTS = 32
-# s; the points of a rolling shutter were turned by the gyroscope of another time. By so little it
-# matters little: hands turn a camera by 10 rad/s^2, over 10 ms of rows that is 0.2 px.
-_SAME_TURN = 5e-3
 
 
 class Predicted(NamedTuple):
@@ -50,7 +46,6 @@ class FrontEnd:
         self._config = tracks
         self._timings = timings
         self._detection = Detection(self.tracker, DETECTORS[edges.detector])
-        self._is_rolling = False
         self._gradients = PrefetchCache[Gradient](_MOST_GRADIENTS)
 
     def prefetch(self, frame: Frame) -> None:
@@ -85,7 +80,6 @@ class FrontEnd:
         Returns:
             The ids of the tracks that were found.
         """
-        self._is_rolling = rows is not None
         with self._timings.measured("gradient"):
             gradient = self._gradients.take(frame) or Gradient(frame.image)
         if detect_every is not None and self._detection.is_due(time, detect_every):
@@ -120,8 +114,6 @@ class FrontEnd:
 
     def retime(self, change: float) -> None:
         """The times of all frames were corrected by so much, s."""
-        if self._is_rolling and abs(change) > _SAME_TURN:
-            self.tracker.forget(sys.maxsize)
         self.tracker.retime(change)
         self._detection.retime(change)
 

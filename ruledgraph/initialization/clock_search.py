@@ -39,6 +39,7 @@ class ClockSearch:
         self._warnings = warnings
         self._finder: ClockOffsetFinder | None = None
         self._checked = False
+        self._latest = -np.inf
         self.restart()
         if self._finder is not None and self.readout.finder is not None:
             self._finder = self.readout.finder  # one for both, which tracks points once
@@ -50,7 +51,10 @@ class ClockSearch:
             self._finder = ClockOffsetFinder(self._mounting.calibration, bias_sigma)
 
     def add_image(self, time: float, image: NDArray[np.uint8]) -> None:
-        """The next image, with its stamp in s."""
+        """The next image, with its stamp in s; one that was there before tells nothing new."""
+        if time <= self._latest:
+            return
+        self._latest = time
         for finder in {self._finder, self.readout.finder}:
             if finder is not None:
                 finder.add_image(time, image)

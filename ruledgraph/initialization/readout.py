@@ -5,8 +5,10 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import bdtrc
 
 from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.initialization.clock_offset import RANGE
 from ruledgraph.initialization.image_rotation import PointPairs
 from ruledgraph.initialization.rotation_fit import RotationFit
@@ -21,6 +23,8 @@ _OFFSET_STEP = 0.01
 _UNMODELLED = 5e-3
 # A chi^2 of one degree of freedom that no chance gives.
 _BETTER = 30.0
+# Of the sign test of pairs that are explained better.
+_CONFIDENCE = 0.99
 
 
 class ReadoutEstimate(NamedTuple):
@@ -32,11 +36,16 @@ class ReadoutEstimate(NamedTuple):
     """Its standard deviation, s."""
     gain: float
     """By how much it explains the images better than the calibration's, as a chi^2."""
+    improved: int
+    """So many pairs of images it explains better ..."""
+    pairs: int
+    """... of so many."""
 
     @property
     def is_certain(self) -> bool:
-        """Whether no chance explains the gain."""
-        return self.gain > _BETTER
+        """Whether no chance explains the gain, nor a few pairs alone that fit badly."""
+        by_chance = float(bdtrc(self.improved - 1, self.pairs, 0.5))
+        return self.gain > _BETTER and by_chance < 1.0 - _CONFIDENCE
 
 
 def estimated_readout(
@@ -59,22 +68,23 @@ def estimated_readout(
     offsets = calibration.time_offset + np.arange(-RANGE, RANGE + 1e-9, _OFFSET_STEP)
     offset = float(offsets[np.argmin(fit.profile(offsets).sum(axis=1))])
 
-    def cost(readout: float) -> tuple[float, float]:
+    def costs_of_pairs(readout: float) -> tuple[FloatArray, float]:
         # The middle row's time hardly depends on the readout.
         later = 0.5 * (readout - calibration.readout)
         moved = pairs._replace(times=pairs.times + later)
         fit = RotationFit(moved, samples, calibration.with_readout(readout), bias_sigma)
         best = fit.linearized(fit.best_at(offset - later)).solution()
         found = fit.linearized(best)
-        return float(found.evidence.costs.sum()), found.variance
+        return found.evidence.costs, found.variance
 
-    costs = [cost(readout) for readout in (calibration.readout, *_READOUTS.tolist())]
-    (now, _), *others = costs
-    lowest = int(np.argmin([cost for cost, _ in others]))
-    middle = min(max(lowest, 1), len(others) - 2)
-    left, here, right = (others[middle + i][0] for i in (-1, 0, 1))
+    now, _ = costs_of_pairs(calibration.readout)
+    others = [costs_of_pairs(readout) for readout in _READOUTS.tolist()]
+    costs = [float(of_pairs.sum()) for of_pairs, _ in others]
+    lowest = int(np.argmin(costs))
+    middle = min(max(lowest, 1), len(costs) - 2)
+    left, here, right = costs[middle - 1 : middle + 2]
     curvature = (left - 2.0 * here + right) / _READOUT_STEP**2
-    variance = others[lowest][1]
+    best, variance = others[lowest]
     if curvature <= 0.0 or not variance > 0.0:
         return None
     slope = 0.5 * (right - left) / _READOUT_STEP
@@ -84,5 +94,7 @@ def estimated_readout(
     return ReadoutEstimate(
         value,
         float(np.hypot(np.sqrt(2.0 * variance / curvature), _UNMODELLED)),
-        (now - others[lowest][0]) / variance,
+        float((now - best).sum()) / variance,
+        int(np.sum(best < now)),
+        len(now),
     )

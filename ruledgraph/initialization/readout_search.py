@@ -10,11 +10,15 @@ from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.core.timing import Messages
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.initialization.clock_offset import ClockOffsetFinder, covered
-from ruledgraph.initialization.readout import ReadoutEstimate, estimated_readout
+from ruledgraph.initialization.readout import estimated_readout
 from ruledgraph.initialization.rotation_fit import LEAST_TURNING, turning
 
 # Standard deviations.
 _SIGNIFICANT = 3.0
+# s; better it need not be known: hands turn a camera by 0.5 rad/s, in this time by half a pixel.
+_ENOUGH = 2e-3
+# Pairs of images of the first look; of fewer a sign test at 99 % can hardly tell.
+_FEWEST = 10
 
 
 class Readout(NamedTuple):
@@ -29,8 +33,9 @@ class Readout(NamedTuple):
 class ReadoutSearch:
     """Looks at images of the first seconds that turn, and at others after them.
 
-    What the first look finds is used if it is significant, the mean of both after the second, or
-    nothing if either shows none.
+    The first ones are looked at as soon as there are a few, and again when there are twice as many;
+    if these show none, the shutter is global. Else it goes on with others and the mean of all. What
+    is found is used as long as it is significant.
 
     Args:
         mounting: whose calibration is searched for, if it does not say.
@@ -41,43 +46,61 @@ class ReadoutSearch:
     def __init__(self, mounting: CameraMounting, bias_sigma: float, warnings: Messages) -> None:
         self.found: Readout | None = None
         """None where none was found."""
+        self.finder: ClockOffsetFinder | None = None
+        """To be handed each image; None when no more are needed."""
         self._mounting = mounting
         self._bias_sigma = bias_sigma
         self._warnings = warnings
-        self._first: ReadoutEstimate | None = None
-        is_unknown = mounting.calibration.line_delay is None
-        self.finder = self._new_finder() if is_unknown else None
-        """To be handed each image; None when no more are needed."""
+        self._mean: Readout | None = None
+        self._next_look = _FEWEST
+        if mounting.calibration.line_delay is None:
+            self._begin()
 
-    def _new_finder(self) -> ClockOffsetFinder:
-        return ClockOffsetFinder(self._mounting.calibration, self._bias_sigma)
+    def _begin(self) -> None:
+        """With new images."""
+        finder = ClockOffsetFinder(self._mounting.calibration, self._bias_sigma)
+        self.finder = finder
+        self._next_look = _FEWEST if self._mean is None else finder.most
 
     def search(self, imu: ImuBuffer) -> None:
         """Look at the last images, if there are enough of them since the last look."""
         finder = self.finder
-        if finder is None or finder.count < finder.most:
+        if finder is None or finder.count < self._next_look:
             return
         samples, as_global = imu.between(-np.inf, np.inf), self._mounting.calibration
         as_global = as_global.with_readout(0.0)
         pairs = covered(finder.pairs, samples, as_global.time_offset)
-        if len(pairs.times) < finder.most // 2:
+        if 2 * len(pairs.times) < self._next_look:
             return
-        if turning(pairs, samples, as_global.time_offset) < LEAST_TURNING:
-            self.finder = self._new_finder()
+        are_all = finder.count == finder.most
+        if are_all and turning(pairs, samples, as_global.time_offset) < LEAST_TURNING:
+            self._begin()
             return
         look = estimated_readout(pairs, samples, as_global, self._bias_sigma)
-        first, self.finder = self._first, None
-        if look is None or not look.is_certain:
-            self._take(None)
-        elif first is None:
-            self._first, self.finder = look, self._new_finder()
-            self._take(Readout(look.value, look.sigma))
+        found = None if look is None else Readout(look.value, look.sigma)
+        is_certain = look is not None and look.is_certain
+        if are_all:
+            self._average(found, is_certain)
         else:
-            self._take(mean_of(first, look))
+            self._next_look *= 2
+            if found is not None and is_certain and _is_significant(found):
+                self._use(found)
 
-    def _take(self, readout: Readout | None) -> None:
-        """Use what was found, if it differs significantly from none."""
-        if readout is not None and readout.value > _SIGNIFICANT * readout.sigma:
+    def _average(self, found: Readout | None, is_certain: bool) -> None:
+        """Take in what all of the last images show, and go on as long as there is use in it."""
+        is_first = self._mean is None
+        if found is not None:
+            self._mean = found if self._mean is None else mean_of(self._mean, found)
+        mean = self._mean if is_certain or not is_first else None
+        self._use(mean)
+        if mean is None or mean.sigma < _ENOUGH or not (is_first or _is_significant(mean)):
+            self.finder = None
+        else:
+            self._begin()
+
+    def _use(self, readout: Readout | None) -> None:
+        """What was found, if it differs significantly from a global shutter's."""
+        if readout is not None and _is_significant(readout):
             self.found = readout
             self._mounting.read_rows_within(readout.value)
             self._warnings.once(
@@ -96,7 +119,11 @@ class ReadoutSearch:
             )
 
 
-def mean_of(first: ReadoutEstimate, second: ReadoutEstimate) -> Readout:
+def _is_significant(readout: Readout) -> bool:
+    return readout.value > _SIGNIFICANT * readout.sigma
+
+
+def mean_of(first: Readout, second: Readout) -> Readout:
     """Of two independent ones, by their variances."""
     weights = first.sigma**-2, second.sigma**-2
     total = sum(weights)

@@ -3,6 +3,7 @@
 """Trajectory segments: each begins with a start and ends with a failure or a gap."""
 
 import gtsam
+import numpy as np
 
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
@@ -59,6 +60,11 @@ class SegmentSequence:
             return f"initializing: {self.initializer.refusal or 'no attempt to start yet'}"
         on_trial = "initializing: the start is on trial"
         return self.last_status if self.current.confirmed else on_trial
+
+    @property
+    def has_start(self) -> bool:
+        """Whether there is a segment whose start is accepted."""
+        return self.current is not None and self.current.confirmed
 
     @property
     def _mounted(self) -> Calibration:
@@ -145,6 +151,13 @@ class SegmentSequence:
             return False
         return not self._search_clock(now.time)
 
+    def begin_anew(self) -> None:
+        """Forget what was seen, and a start that is on trial."""
+        if self.current is not None:
+            self._discard_start(-np.inf)
+        self.initializer.wait_from(-np.inf)
+        self._forget_frames()
+
     def _discard_start(self, time: float) -> None:
         """Forget a start that is on trial."""
         self.current = self._trial = None
@@ -211,9 +224,12 @@ class SegmentSequence:
     def end(self) -> None:
         """End the segment and forget what was seen."""
         self.finish()
+        self._forget_frames()
+        self.clock_search.restart()
+
+    def _forget_frames(self) -> None:
         self._stages.sensors.frames.clear()
         self._stages.front_end.clear()
-        self.clock_search.restart()
 
     def finish(self) -> None:
         """Hand out what is still in the window."""

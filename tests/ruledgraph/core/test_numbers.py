@@ -33,7 +33,6 @@ ALLOWED = {
     "frontend/edge_batch.py": {"_LEVEL": NUMERICS, "_LEAST_PART": NUMERICS},
     "frontend/front_end.py": {
         "_MOST_GRADIENTS": MEMORY,
-        "_SAME_TURN": "how far off a rolling shutter's points may be after a correction in time",
     },
     "frontend/gradient.py": {
         "BORDER_PX": "follows from the width of blur and derivative",

@@ -18,7 +18,10 @@ from ruledgraph.initialization.readout import ReadoutEstimate
 from ruledgraph.initialization.readout_search import ReadoutSearch
 from ruledgraph.simulation.simulation import D435I
 
-CERTAIN, UNCERTAIN = 100.0, 1.0
+
+def look(value: float, sigma: float = 0.005, certain: bool = True) -> ReadoutEstimate:
+    """40 of 40 pairs are better explained, or 20."""
+    return ReadoutEstimate(value, sigma, 100.0, 40 if certain else 20, 40)
 
 
 class Looks:
@@ -31,7 +34,7 @@ class Looks:
         self.as_global: list[bool] = []
         times = 0.2 + 0.05 * np.arange(41)
         self.pairs = PointPairs(np.column_stack([times[:-1], times[1:]]), *np.ones((2, 40, 5, 3)))
-        self.count = 40
+        self.count = 0
 
     def add_image(self, time: float, image: np.ndarray) -> None:
         pass
@@ -42,9 +45,12 @@ class Looks:
 
 
 def searched(
-    monkeypatch: pytest.MonkeyPatch, found: Sequence[ReadoutEstimate | None], turning: float = 1.0
+    monkeypatch: pytest.MonkeyPatch,
+    found: Sequence[ReadoutEstimate | None],
+    turning: float = 1.0,
+    counts: Sequence[int] = (40, 40, 40),
 ) -> tuple[list[float], ReadoutSearch, Messages, Looks]:
-    """The readout in use after each of three searches."""
+    """The readout in use after a search with each of these counts of pairs."""
     looks, warnings = Looks(found), Messages()
     calibration = replace(D435I, line_delay=None)
     mounting = CameraMounting(calibration, DEFAULTS.extrinsics, warnings)
@@ -55,16 +61,16 @@ def searched(
     for time in np.arange(0.0, 3.0, 0.005).tolist():
         imu.append(time, turning * np.sin([9 * time, 7 * time, 5 * time]), np.zeros(3))
     used = []
-    for _ in range(3):
+    for looks.count in counts:
         search.search(imu)
         used.append(mounting.calibration.readout)
     return used, search, warnings, looks
 
 
-def test_the_first_look_is_used_and_then_the_mean(monkeypatch):
-    found = [ReadoutEstimate(0.020, 0.005, CERTAIN), ReadoutEstimate(0.030, 0.005, CERTAIN)]
-    used, search, warnings, looks = searched(monkeypatch, found)
-    assert used == pytest.approx([0.020, 0.025, 0.025])
+def test_the_first_images_are_used_and_then_the_mean(monkeypatch):
+    found = [look(0.020), look(0.030)]
+    used, search, warnings, looks = searched(monkeypatch, found, counts=[40, 40])
+    assert used == pytest.approx([0.020, 0.025])
     assert search.found == pytest.approx((0.025, 0.005 / np.sqrt(2)))
     assert [w for w in map(str, warnings) if "rows are read within 20 ms" in w] == list(
         map(str, warnings)
@@ -73,33 +79,63 @@ def test_the_first_look_is_used_and_then_the_mean(monkeypatch):
     assert search._mounting.calibration.middle_row_delay == 0.0
 
 
+def test_looks_come_early_and_with_twice_as_many_pairs(monkeypatch):
+    found = [None, look(0.020), look(0.022), look(0.024)]
+    counts = [9, 10, 12, 19, 20, 39, 40, 10, 20, 39, 40]
+    used, _, _, looks = searched(monkeypatch, found, counts=counts)
+    assert used == pytest.approx([0.0] * 4 + [0.020] * 2 + [0.022] * 4 + [0.023])
+    assert not looks.left
+
+
+@pytest.mark.parametrize("later", [None, look(0.02, certain=False), look(0.01)])
+def test_early_looks_stand_until_all_first_images_are_there(monkeypatch, later):
+    found = [look(0.020), later, later]
+    used, search, warnings, _ = searched(monkeypatch, found, counts=[10, 20, 40])
+    assert used == pytest.approx([0.020, 0.020, 0.0])
+    assert search.found is None
+    assert "the shutter counts as global" in str(warnings[-1])
+
+
+def test_a_few_pairs_alone_do_not_make_an_estimate_certain():
+    """At 99 % nine of ten are one too few, 15 of 20 too, and 28 of 40 are enough."""
+    shares = {(10, 10): True, (9, 10): False, (15, 20): False, (16, 20): True, (28, 40): True}
+    for (improved, pairs), certain in shares.items():
+        found = ReadoutEstimate(0.02, 0.005, 100.0, improved, pairs)
+        assert found.is_certain == certain
+        assert not found._replace(gain=20.0).is_certain
+
+
 def test_means_are_weighted_by_their_variances(monkeypatch):
-    found = [ReadoutEstimate(0.020, 0.003, CERTAIN), ReadoutEstimate(0.030, 0.006, CERTAIN)]
-    used, search, _, _ = searched(monkeypatch, found)
+    found = [look(0.020, 0.003), look(0.030, 0.006)]
+    used, search, _, _ = searched(monkeypatch, found, counts=[40, 40])
     assert used[-1] == pytest.approx((4 * 0.020 + 0.030) / 5)
     assert search.found.sigma == pytest.approx((0.003**-2 + 0.006**-2) ** -0.5)
 
 
-def test_two_looks_find_what_one_alone_does_not(monkeypatch):
-    found = [ReadoutEstimate(0.014, 0.005, CERTAIN), ReadoutEstimate(0.014, 0.005, CERTAIN)]
-    used, _, _, _ = searched(monkeypatch, found)
-    assert used == pytest.approx([0.0, 0.014, 0.014])
+def test_both_together_find_what_one_alone_does_not(monkeypatch):
+    used, _, _, _ = searched(monkeypatch, [look(0.014), look(0.014)], counts=[40, 40])
+    assert used == pytest.approx([0.0, 0.014])
 
 
-@pytest.mark.parametrize(
-    "second", [None, ReadoutEstimate(0.02, 0.005, UNCERTAIN), ReadoutEstimate(0.0, 0.005, CERTAIN)]
-)
-def test_a_second_look_that_shows_none_takes_it_back(monkeypatch, second):
-    used, search, warnings, _ = searched(
-        monkeypatch, [ReadoutEstimate(0.020, 0.005, CERTAIN), second]
-    )
+def test_it_goes_on_until_the_readout_is_known_to_two_milliseconds(monkeypatch):
+    found = [look(0.020), look(0.024), None, look(0.028, certain=False), *[look(0.024)] * 4]
+    used, search, _, looks = searched(monkeypatch, found, counts=[40] * 9)
+    assert used[:5] == pytest.approx([0.020, 0.022, 0.022, 0.024, 0.024])
+    assert search.finder is None
+    assert search.found == pytest.approx((0.024, 0.005 / np.sqrt(7)))
+    assert not looks.left
+
+
+@pytest.mark.parametrize("second", [look(0.0, 0.004, certain=False), look(0.0)])
+def test_later_images_that_show_none_take_it_back(monkeypatch, second):
+    used, search, warnings, _ = searched(monkeypatch, [look(0.020), second])
     assert used == pytest.approx([0.020, 0.0, 0.0])
     assert search.found is None
     assert "the shutter counts as global" in str(warnings[-1])
 
 
-@pytest.mark.parametrize("first", [None, ReadoutEstimate(0.03, 0.005, UNCERTAIN)])
-def test_after_a_first_look_that_shows_none_there_is_no_other(monkeypatch, first):
+@pytest.mark.parametrize("first", [None, look(0.03, certain=False)])
+def test_after_first_images_that_show_none_there_are_no_others(monkeypatch, first):
     used, search, warnings, looks = searched(monkeypatch, [first])
     assert used == [0.0, 0.0, 0.0]
     assert search.found is None
