@@ -17,7 +17,7 @@ from ruledgraph.calibration.sensors import ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import StartConfig
 from ruledgraph.imu.buffer import ImuBuffer, params_across
-from ruledgraph_factors import ImuSamples, preintegrate_frames
+from ruledgraph_factors import FrameMotion, ImuSamples, preintegrate_frames
 
 
 def imu_interval(
@@ -27,6 +27,7 @@ def imu_interval(
     repeats_frame: bool,
     imu: ImuBuffer,
     noise: ImuNoise,
+    scale_sigma: float,
     time_offset: TimeOffsetState | None,
     extrinsics: ExtrinsicsState | None,
     still: bool,
@@ -40,25 +41,27 @@ def imu_interval(
         repeats_frame: whether the first of them is the state's own.
         imu: samples that cover them.
         noise: of the IMU.
+        scale_sigma: the setting `imu.accelerometer_scale_sigma`.
         time_offset: the time offset of the frames, when that is estimated.
         extrinsics: the camera's pose in the body, when that is estimated.
         still: whether the body rested all the time.
     """
+    samples = imu.between(node.time, times[-1])
+    # At rest the noise of the gyroscope would make the offset look observable.
+    timed = time_offset is not None and not still
+    motion = preintegrate_frames(samples, node.time, times, node.bias, with_time=timed)
+    noise = _with_scale_errors(noise, node, motion, imu.gravity, scale_sigma)
     params, reliable_frames = noise.preintegration_params(imu.gravity), len(times)
     unreliable = imu.unreliable(node.time, times[-1])
     if unreliable:
         params = params_across(noise, imu.gravity, unreliable, node.time, times[-1])
         first = min(interval.start for interval in unreliable)
         reliable_frames = max(int(repeats_frame), sum(time <= first for time in times))
-    samples = imu.between(node.time, times[-1])
     preintegrated = _preintegrated(node, times, samples, params)
     if still:
         state = gtsam.NavState(node.state.pose(), np.zeros(3))
     else:
         state = preintegrated.predict(node.state, node.bias)
-    # At rest the noise of the gyroscope would make the offset look observable.
-    timed = time_offset is not None and not still
-    motion = preintegrate_frames(samples, node.time, times, node.bias, with_time=timed)
     interval = Interval(
         node,
         list(stamps),
@@ -114,6 +117,22 @@ def let_jump(
     new.bias = gtsam.imuBias.ConstantBias(changed[:3], changed[3:])
     if not interval.still:
         new.state = preintegrated.predict(node.state, new.bias)
+
+
+def _with_scale_errors(
+    noise: ImuNoise, node: StateNode, motion: FrameMotion, gravity: FloatArray, sigma: float
+) -> ImuNoise:
+    """With a random walk of the accelerometer's bias by what the body turns, too.
+
+    With scale factors and misalignment S the accelerometer is off by S f beside its bias. While the
+    body turns from R to R' gravity changes this by S (R'^T - R^T) g, per axis with a deviation of
+    `sigma` |(R'^T - R^T) g|.
+    """
+    before = node.state.pose().rotation().matrix().T @ gravity
+    after = gtsam.Rot3.Expmap(-motion.preintegrated[-1, :3]).rotate(before)
+    change = sigma * float(np.linalg.norm(after - before))
+    per_root_second = change / math.sqrt(motion.elapsed[-1])
+    return replace(noise, accelerometer_walk=math.hypot(noise.accelerometer_walk, per_root_second))
 
 
 def _preintegrated(

@@ -137,6 +137,7 @@ class Window:
             repeats_frame,
             imu,
             self._imu_noise,
+            self._config.imu.accelerometer_scale_sigma,
             self.self_calibration.time_offset_of(before, offset_correction),
             self.self_calibration.extrinsics_of(before),
             still,

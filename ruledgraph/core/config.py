@@ -167,7 +167,7 @@ class IntegrityConfig(Section):
     agreed_misfit: float = number(0.2, "", 0.001, 1.0)
     """Share below which they agree again, and agree at the end of a start's trial."""
     lost_misfit: float = number(0.5, "", 0.001, 1.0)
-    """Share beyond which the estimate is lost at once ..."""
+    """Share from which the estimate is lost at once: no robust loss holds from a half on ..."""
     lost_time: float = number(1.0, "s", 0.0, 60.0)
     """... or when lines and estimate have disagreed for so long."""
     min_lines: int = number(2, "", 1, 100)

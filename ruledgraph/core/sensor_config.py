@@ -67,6 +67,10 @@ class ImuConfig(Section):
     example has this for an ADIS16448, whose data sheet says 0.0023. 0: as the calibration says."""
     least_gyroscope_noise: float = number(5e-4, "rad/s/sqrt(Hz)", 0.0, 10.0)
     """The same of a gyroscope, three times its data sheet's figure."""
+    accelerometer_scale_sigma: float = number(0.01, "", 0.0, 0.2)
+    """Standard deviation of the accelerometer's scale factors and of the angles (rad) between its
+    axes: as the body turns the bias changes by so much of what gravity changes in its axes. 0.01 is
+    half a degree; 0: only the calibration's random walk."""
 
     max_sample_interval: float = number(0.05, "s", 1e-3, 1.0)
     """A longer stretch without a new reading is a hole."""

@@ -70,7 +70,11 @@ class ClockSearch:
                 images of a plane turn in two ways equally well (that of the camera, and one that
                 explains the translation).
         """
-        self.readout.search(imu)
+        found = self._search(imu, known, by_window)
+        self.readout.search(imu, self.found and self.found.value)
+        return found
+
+    def _search(self, imu: ImuBuffer, known: TimeOffset, by_window: bool) -> TimeOffset | None:
         if self._finder is None:
             return None
         samples = imu.between(-np.inf, np.inf)

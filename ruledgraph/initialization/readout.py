@@ -15,7 +15,7 @@ from ruledgraph.initialization.rotation_fit import RotationFit
 from ruledgraph_factors import ImuSamples
 
 # Readouts that are compared, s: up to the frame interval of 20 Hz. Clock offsets likewise.
-_READOUT_STEP = 0.005
+_READOUT_STEP = 0.01
 _READOUTS = np.arange(0.0, 0.05 + 1e-9, _READOUT_STEP)
 _OFFSET_STEP = 0.01
 # What the rotations leave out, s: while rows are read the camera moves on, too. In eight rendered
@@ -24,7 +24,7 @@ _UNMODELLED = 5e-3
 # A chi^2 of one degree of freedom that no chance gives.
 _BETTER = 30.0
 # Of the sign test of pairs that are explained better.
-_CONFIDENCE = 0.99
+_CONFIDENCE = 0.95
 
 
 class ReadoutEstimate(NamedTuple):
@@ -42,14 +42,23 @@ class ReadoutEstimate(NamedTuple):
     """... of so many."""
 
     @property
+    def is_better(self) -> bool:
+        """Whether no chance explains the gain."""
+        return self.gain > _BETTER
+
+    @property
     def is_certain(self) -> bool:
-        """Whether no chance explains the gain, nor a few pairs alone that fit badly."""
+        """Whether, besides, it is not that of a few pairs which fit badly."""
         by_chance = float(bdtrc(self.improved - 1, self.pairs, 0.5))
-        return self.gain > _BETTER and by_chance < 1.0 - _CONFIDENCE
+        return self.is_better and by_chance < 1.0 - _CONFIDENCE
 
 
 def estimated_readout(
-    pairs: PointPairs, samples: ImuSamples, calibration: Calibration, bias_sigma: float
+    pairs: PointPairs,
+    samples: ImuSamples,
+    calibration: Calibration,
+    bias_sigma: float,
+    offset: float | None = None,
 ) -> ReadoutEstimate | None:
     """The readout with which images and gyroscope turn alike best, of a parabola through costs.
 
@@ -60,25 +69,28 @@ def estimated_readout(
         samples: of the gyroscope.
         calibration: whose readout is compared.
         bias_sigma: standard deviation of the gyroscope's bias, rad/s.
+        offset: the clock offset, about, s; it is looked for if it is not known.
 
     Returns:
         None where the motion does not show it.
     """
-    fit = RotationFit(pairs, samples, calibration, bias_sigma)
-    offsets = calibration.time_offset + np.arange(-RANGE, RANGE + 1e-9, _OFFSET_STEP)
-    offset = float(offsets[np.argmin(fit.profile(offsets).sum(axis=1))])
+    about = offset
+    if about is None:
+        fit = RotationFit(pairs, samples, calibration, bias_sigma)
+        offsets = calibration.time_offset + np.arange(-RANGE, RANGE + 1e-9, _OFFSET_STEP)
+        about = float(offsets[np.argmin(fit.profile(offsets).sum(axis=1))])
 
-    def costs_of_pairs(readout: float) -> tuple[FloatArray, float]:
+    def costs_of_pairs(readout: float, about: float = about) -> tuple[FloatArray, float]:
         # The middle row's time hardly depends on the readout.
         later = 0.5 * (readout - calibration.readout)
         moved = pairs._replace(times=pairs.times + later)
         fit = RotationFit(moved, samples, calibration.with_readout(readout), bias_sigma)
-        best = fit.linearized(fit.best_at(offset - later)).solution()
+        best = fit.linearized(fit.best_at(about - later)).solution()
         found = fit.linearized(best)
         return found.evidence.costs, found.variance
 
-    now, _ = costs_of_pairs(calibration.readout)
     others = [costs_of_pairs(readout) for readout in _READOUTS.tolist()]
+    now, _ = costs_of_pairs(calibration.readout) if calibration.readout else others[0]
     costs = [float(of_pairs.sum()) for of_pairs, _ in others]
     lowest = int(np.argmin(costs))
     middle = min(max(lowest, 1), len(costs) - 2)

@@ -10,14 +10,14 @@ from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.core.timing import Messages
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.initialization.clock_offset import ClockOffsetFinder, covered
-from ruledgraph.initialization.readout import estimated_readout
+from ruledgraph.initialization.readout import ReadoutEstimate, estimated_readout
 from ruledgraph.initialization.rotation_fit import LEAST_TURNING, turning
 
 # Standard deviations.
 _SIGNIFICANT = 3.0
 # s; better it need not be known: hands turn a camera by 0.5 rad/s, in this time by half a pixel.
 _ENOUGH = 2e-3
-# Pairs of images of the first look; of fewer a sign test at 99 % can hardly tell.
+# Pairs of images of the first look: of nine or ten that agree a sign test says enough.
 _FEWEST = 10
 
 
@@ -34,8 +34,8 @@ class ReadoutSearch:
     """Looks at images of the first seconds that turn, and at others after them.
 
     The first ones are looked at as soon as there are a few, and again when there are twice as many;
-    if these show none, the shutter is global. Else it goes on with others and the mean of all. What
-    is found is used as long as it is significant.
+    if these show none, the shutter is global. Else it goes on with others and takes the mean of
+    all. What is found is used as long as it is significant.
 
     Args:
         mounting: whose calibration is searched for, if it does not say.
@@ -62,8 +62,13 @@ class ReadoutSearch:
         self.finder = finder
         self._next_look = _FEWEST if self._mean is None else finder.most
 
-    def search(self, imu: ImuBuffer) -> None:
-        """Look at the last images, if there are enough of them since the last look."""
+    def search(self, imu: ImuBuffer, offset: float | None = None) -> None:
+        """Look at the last images, if there are enough of them since the last look.
+
+        Args:
+            imu: the samples of the last seconds.
+            offset: t_imu - t_cam, s, if it is known.
+        """
         finder = self.finder
         if finder is None or finder.count < self._next_look:
             return
@@ -76,26 +81,28 @@ class ReadoutSearch:
         if are_all and turning(pairs, samples, as_global.time_offset) < LEAST_TURNING:
             self._begin()
             return
-        look = estimated_readout(pairs, samples, as_global, self._bias_sigma)
-        found = None if look is None else Readout(look.value, look.sigma)
-        is_certain = look is not None and look.is_certain
+        look = estimated_readout(pairs, samples, as_global, self._bias_sigma, offset)
         if are_all:
-            self._average(found, is_certain)
-        else:
-            self._next_look *= 2
-            if found is not None and is_certain and _is_significant(found):
-                self._use(found)
+            self._average(look)
+            return
+        self._next_look *= 2
+        if look is not None and look.is_certain and _is_significant(look):
+            self._use(Readout(look.value, look.sigma))
 
-    def _average(self, found: Readout | None, is_certain: bool) -> None:
+    def _average(self, look: ReadoutEstimate | None) -> None:
         """Take in what all of the last images show, and go on as long as there is use in it."""
         is_first = self._mean is None
-        if found is not None:
+        if look is not None and (look.is_certain or not is_first):
+            found = Readout(look.value, look.sigma)
             self._mean = found if self._mean is None else mean_of(self._mean, found)
-        mean = self._mean if is_certain or not is_first else None
+        mean = self._mean
         self._use(mean)
-        if mean is None or mean.sigma < _ENOUGH or not (is_first or _is_significant(mean)):
-            self.finder = None
+        if mean is None:
+            goes_on = look is not None and look.is_better
         else:
+            goes_on = mean.sigma > _ENOUGH and (is_first or _is_significant(mean))
+        self.finder = None
+        if goes_on:
             self._begin()
 
     def _use(self, readout: Readout | None) -> None:
@@ -119,7 +126,7 @@ class ReadoutSearch:
             )
 
 
-def _is_significant(readout: Readout) -> bool:
+def _is_significant(readout: Readout | ReadoutEstimate) -> bool:
     return readout.value > _SIGNIFICANT * readout.sigma
 
 

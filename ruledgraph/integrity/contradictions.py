@@ -54,7 +54,7 @@ class LineCheck:
         self._misfit = 0.0
         self._misfit_since: float | None = None
         self.lost = False
-        """Whether most lines do not fit the estimate."""
+        """Whether half of the lines do not fit the estimate, or too many have not for long."""
 
     @property
     def misfits(self) -> bool:
@@ -85,9 +85,8 @@ class LineCheck:
         is_long = since is not None and time - since >= limits.lost_time
         # Without enough lines: in motion the others were lost, at rest none are compared.
         compared = misfit is not None or not still
-        self.lost = compared and self._misfit > (
-            limits.max_misfit if is_long else limits.lost_misfit
-        )
+        disagrees = is_long and self._misfit > limits.max_misfit
+        self.lost = compared and (disagrees or self._misfit >= limits.lost_misfit)
 
 
 def misfit_share(window: Window, config: IntegrityConfig) -> float | None:

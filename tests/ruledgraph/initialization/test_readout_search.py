@@ -97,8 +97,8 @@ def test_early_looks_stand_until_all_first_images_are_there(monkeypatch, later):
 
 
 def test_a_few_pairs_alone_do_not_make_an_estimate_certain():
-    """At 99 % nine of ten are one too few, 15 of 20 too, and 28 of 40 are enough."""
-    shares = {(10, 10): True, (9, 10): False, (15, 20): False, (16, 20): True, (28, 40): True}
+    """At 95 %."""
+    shares = {(9, 10): True, (8, 10): False, (15, 20): True, (14, 20): False, (26, 40): True}
     for (improved, pairs), certain in shares.items():
         found = ReadoutEstimate(0.02, 0.005, 100.0, improved, pairs)
         assert found.is_certain == certain
@@ -134,7 +134,13 @@ def test_later_images_that_show_none_take_it_back(monkeypatch, second):
     assert "the shutter counts as global" in str(warnings[-1])
 
 
-@pytest.mark.parametrize("first", [None, look(0.03, certain=False)])
+def test_first_images_of_which_a_few_show_one_are_followed_by_others(monkeypatch):
+    found = [look(0.03, certain=False), look(0.024), look(0.026)]
+    used, _, _, _ = searched(monkeypatch, found)
+    assert used == pytest.approx([0.0, 0.024, 0.025])
+
+
+@pytest.mark.parametrize("first", [None, look(0.03, certain=False)._replace(gain=20.0)])
 def test_after_first_images_that_show_none_there_are_no_others(monkeypatch, first):
     used, search, warnings, looks = searched(monkeypatch, [first])
     assert used == [0.0, 0.0, 0.0]
