@@ -143,8 +143,9 @@ class Odometry(Output):
             self._repeat()
 
     def _keep(self, frame: Frame) -> None:
-        """The frames of the next start."""
-        if self._segments.has_start:
+        """The frames of the next start, if their rows may have to be read anew."""
+        is_global = not (self.mounting.calibration.readout or self.clock_search.readout.finder)
+        if self._segments.has_start or is_global:
             self._kept_frames.clear()
             return
         self._kept_frames.append(frame)

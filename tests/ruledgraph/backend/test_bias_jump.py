@@ -31,6 +31,8 @@ FRAMES = 6
 """Of a state, at 30 Hz."""
 CONFIDENCE = 0.9999
 LIMIT = float(chi2.ppf(CONFIDENCE, JUMP_DOF))
+IDEAL = Config.model_validate({"imu": {"accelerometer_scale_sigma": 0.0}})
+"""The IMU of the tracks has no errors but its noise and biases."""
 
 
 def made_of(seed: int, jump: FloatArray) -> IdealTracks:
@@ -57,7 +59,7 @@ def run(
     made: IdealTracks, limit: float, config: Config | None = None, solved_until: float = np.inf
 ) -> tuple[Window, list[float]]:
     """The window at the end, and times of the states at which biases jumped."""
-    window = Window(CALIBRATION, config or Config(), start_of(made))
+    window = Window(CALIBRATION, config or IDEAL, start_of(made))
     jumped = []
     for first in range(1, len(made.stamps) - FRAMES + 1, FRAMES):
         part = slice(first, first + FRAMES)
