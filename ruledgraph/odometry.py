@@ -17,6 +17,7 @@ from ruledgraph.imu.frame_history import EARLY
 from ruledgraph.imu.image_input import image_fault
 from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.integrity.gauge import ReliableState
+from ruledgraph.segments.prediction import predicted
 from ruledgraph.segments.sequence import SegmentSequence
 from ruledgraph.segments.stages import Stages
 
@@ -175,8 +176,9 @@ class Odometry(Output):
         if segment is not None:
             # At a state it costs little time: the smoother works meanwhile.
             detect_every = segment.detection_interval - EARLY if due else None
-        predicted, rows = segments.predicted(now), segments.row_motion(now)
-        found = front_end.process(frame, now.time, predicted, detect_every, rows)
+        expected = predicted(self._stages, segment, now)
+        rows = segments.row_motion(now)
+        found = front_end.process(frame, now.time, expected, detect_every, rows)
         lines = 0 if segment is None else sum(id_ in segment.window.lines for id_ in found)
         sensors.frames.append(now)
         if segment is None or segments.last_status != "still":

@@ -96,11 +96,12 @@ class ReadoutSearch:
             found = Readout(look.value, look.sigma)
             self._mean = found if self._mean is None else mean_of(self._mean, found)
         mean = self._mean
-        self._use(mean)
-        if mean is None:
-            goes_on = look is not None and look.is_better
-        else:
+        if mean is not None:
             goes_on = mean.sigma > _ENOUGH and (is_first or _is_significant(mean))
+        else:  # a few pairs that fit badly say nothing
+            goes_on = look is not None and look.is_better
+        if mean is not None or not goes_on:
+            self._use(mean)
         self.finder = None
         if goes_on:
             self._begin()

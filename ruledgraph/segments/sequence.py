@@ -9,11 +9,8 @@ from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Status
 from ruledgraph.core.measurements import Gap
-from ruledgraph.frontend.front_end import Predicted
 from ruledgraph.frontend.row_motion import RowMotion
-from ruledgraph.frontend.ruling_prediction import CameraMotion
 from ruledgraph.imu.frame_history import FrameTime
-from ruledgraph.imu.propagation import rotation_between
 from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.initializer import Initializer
 from ruledgraph.initialization.trial import Trial
@@ -71,29 +68,8 @@ class SegmentSequence:
         """The calibration with the camera's pose in the body as it is known by now."""
         return self._stages.mounting.calibration
 
-    def predicted(self, now: FrameTime) -> Predicted | None:
-        """The camera's motion since the last frame, and the lines of the graph; None for the first
-        frame.
-        """
-        sensors, body_T_cam = self._stages.sensors, self._mounted.body_T_cam
-        if not sensors.frames:
-            return None
-        before = sensors.frames.last
-        elapsed = now.time - before.time
-        if self.current is None:
-            body_R_cam = body_T_cam.rotation()
-            before_R_body = rotation_between(sensors.imu, before.time, now.time)
-            R = body_R_cam.matrix().T @ before_R_body.matrix().T @ body_R_cam.matrix()
-            return Predicted(CameraMotion(R, elapsed, body_T_cam, body_T_cam), {})
-        body_T_cam = self.current.body_T_cam
-        world_T_before = self.current.state.pose().compose(body_T_cam)
-        world_T_cam = self.current.predict(now.time).pose().compose(body_T_cam)
-        R = world_T_cam.between(world_T_before).rotation().matrix()
-        motion = CameraMotion(R, elapsed, world_T_before, world_T_cam)
-        return Predicted(motion, self.current.predicted_lines(now.time))
-
     def row_motion(self, now: FrameTime) -> RowMotion | None:
-        """The camera's motion during the frame, where `predicted` it; None of a global shutter."""
+        """The camera's motion during the frame, after `predicted`; None of a global shutter."""
         sensors, segment, half = self._stages.sensors, self.current, 0.5 * self._mounted.readout
         sensors.calibration, imu = self._mounted, sensors.imu
         if not (half and imu.covers(now.time - half, now.time + half)):

@@ -87,7 +87,10 @@ def test_looks_come_early_and_with_twice_as_many_pairs(monkeypatch):
     assert not looks.left
 
 
-@pytest.mark.parametrize("later", [None, look(0.02, certain=False), look(0.01)])
+UNCERTAIN = look(0.02, certain=False)._replace(gain=20.0)
+
+
+@pytest.mark.parametrize("later", [None, UNCERTAIN, look(0.01)])
 def test_early_looks_stand_until_all_first_images_are_there(monkeypatch, later):
     found = [look(0.020), later, later]
     used, search, warnings, _ = searched(monkeypatch, found, counts=[10, 20, 40])
@@ -140,7 +143,13 @@ def test_first_images_of_which_a_few_show_one_are_followed_by_others(monkeypatch
     assert used == pytest.approx([0.0, 0.024, 0.025])
 
 
-@pytest.mark.parametrize("first", [None, look(0.03, certain=False)._replace(gain=20.0)])
+def test_what_early_looks_found_stands_where_a_few_pairs_say_another(monkeypatch):
+    found = [look(0.022), look(0.023), look(0.03, certain=False), look(0.024)]
+    used, _, _, _ = searched(monkeypatch, found, counts=[10, 20, 40, 10, 20])
+    assert used == pytest.approx([0.022, 0.023, 0.023, 0.024, 0.024])
+
+
+@pytest.mark.parametrize("first", [None, UNCERTAIN])
 def test_after_first_images_that_show_none_there_are_no_others(monkeypatch, first):
     used, search, warnings, looks = searched(monkeypatch, [first])
     assert used == [0.0, 0.0, 0.0]

@@ -1,0 +1,34 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is known of a frame before it is looked at."""
+
+from ruledgraph.frontend.front_end import Predicted
+from ruledgraph.frontend.ruling_prediction import CameraMotion
+from ruledgraph.imu.frame_history import FrameTime
+from ruledgraph.imu.propagation import rotation_between
+from ruledgraph.segments.segment import TrajectorySegment
+from ruledgraph.segments.stages import Stages
+
+
+def predicted(
+    stages: Stages, segment: TrajectorySegment | None, now: FrameTime
+) -> Predicted | None:
+    """The camera's motion since the last frame, and the lines of the graph; None for the first
+    frame.
+    """
+    sensors, body_T_cam = stages.sensors, stages.mounting.calibration.body_T_cam
+    if not sensors.frames:
+        return None
+    before = sensors.frames.last
+    elapsed = now.time - before.time
+    if segment is None:
+        body_R_cam = body_T_cam.rotation()
+        before_R_body = rotation_between(sensors.imu, before.time, now.time)
+        R = body_R_cam.matrix().T @ before_R_body.matrix().T @ body_R_cam.matrix()
+        return Predicted(CameraMotion(R, elapsed, body_T_cam, body_T_cam), {})
+    body_T_cam = segment.body_T_cam
+    world_T_before = segment.state.pose().compose(body_T_cam)
+    world_T_cam = segment.predict(now.time).pose().compose(body_T_cam)
+    R = world_T_cam.between(world_T_before).rotation().matrix()
+    motion = CameraMotion(R, elapsed, world_T_before, world_T_cam)
+    return Predicted(motion, segment.predicted_lines(now.time))
