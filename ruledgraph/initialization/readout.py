@@ -74,13 +74,10 @@ def estimated_readout(
     Returns:
         None where the motion does not show it.
     """
-    about = offset
-    if about is None:
-        fit = RotationFit(pairs, samples, calibration, bias_sigma)
-        offsets = calibration.time_offset + np.arange(-RANGE, RANGE + 1e-9, _OFFSET_STEP)
-        about = float(offsets[np.argmin(fit.profile(offsets).sum(axis=1))])
+    given = pairs, samples, calibration, bias_sigma
+    about = _likeliest_offset(*given) if offset is None else offset
 
-    def costs_of_pairs(readout: float, about: float = about) -> tuple[FloatArray, float]:
+    def costs_of_pairs(readout: float) -> tuple[FloatArray, float]:
         # The middle row's time hardly depends on the readout.
         later = 0.5 * (readout - calibration.readout)
         moved = pairs._replace(times=pairs.times + later)
@@ -110,3 +107,12 @@ def estimated_readout(
         int(np.sum(best < now)),
         len(now),
     )
+
+
+def _likeliest_offset(
+    pairs: PointPairs, samples: ImuSamples, calibration: Calibration, bias_sigma: float
+) -> float:
+    """The clock offset with the calibration's readout, of a grid, s."""
+    fit = RotationFit(pairs, samples, calibration, bias_sigma)
+    offsets = calibration.time_offset + np.arange(-RANGE, RANGE + 1e-9, _OFFSET_STEP)
+    return float(offsets[np.argmin(fit.profile(offsets).sum(axis=1))])

@@ -85,7 +85,7 @@ class IntegrityMonitor:
 
     @property
     def lost(self) -> bool:
-        """Whether most lines do not fit the estimate."""
+        """Whether half of the lines do not fit the estimate, or too many have not for long."""
         return self._lines.lost
 
     @property

@@ -129,9 +129,10 @@ class SegmentSequence:
 
     def begin_anew(self) -> None:
         """Forget what was seen, and a start that is on trial."""
-        if self.current is not None:
+        if self.current is None:
+            self.initializer.wait_from(-np.inf)
+        else:
             self._discard_start(-np.inf)
-        self.initializer.wait_from(-np.inf)
         self._forget_frames()
 
     def _discard_start(self, time: float) -> None:

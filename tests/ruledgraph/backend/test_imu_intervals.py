@@ -69,5 +69,5 @@ def test_scale_factors_are_within_it():
     of_scales = np.cov((scales @ change).T)
     walk = ADIS16448_LIKE.accelerometer_walk**2 * TIMES[-1] * np.eye(3)
     size = np.trace(of_scales) / 3.0
-    # Variances of 20,000 are good to 1 %.
+    # Variances of 20,000 are good to 1 %: five of these.
     np.testing.assert_allclose(covariance - walk, of_scales, atol=0.05 * size)

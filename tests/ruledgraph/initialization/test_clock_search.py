@@ -39,3 +39,18 @@ def test_what_the_images_say_is_used(known, by_window, used, monkeypatch):
     assert search.found is FOUND
     # It is looked for once a segment.
     assert search.search(imu, TimeOffset(0.0, 0.0), False) is None
+
+
+def test_images_that_are_processed_anew_tell_nothing_new(monkeypatch):
+    """Neither do they to a search that has begun again since."""
+    added: list[float] = []
+    monkeypatch.setattr(ClockOffsetFinder, "add_image", lambda _self, time, _: added.append(time))
+    warnings, config = Messages(), Config()
+    search = ClockSearch(CameraMounting(D435I, config.extrinsics, warnings), config, warnings)
+    image = np.zeros((2, 2), np.uint8)
+    for time in (0.0, 0.1):
+        search.add_image(time, image)
+    search.restart()
+    for time in (0.0, 0.1, 0.2):
+        search.add_image(time, image)
+    assert added == [0.0, 0.1, 0.2]

@@ -180,7 +180,8 @@ def compared(misfits: int):
 
 
 @pytest.mark.parametrize(
-    ("misfits", "disagree", "lost"), [(1, False, False), (4, True, False), (6, True, True)]
+    ("misfits", "disagree", "lost"),
+    [(1, False, False), (4, True, False), (5, True, True), (6, True, True)],
 )
 def test_lines_that_do_not_fit_are_reported(misfits, disagree, lost):
     _, monitor, warnings = compared(misfits)
