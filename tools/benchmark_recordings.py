@@ -26,8 +26,17 @@ from ruledgraph.core.errors import RuledgraphError
 
 # Begun in the air, of MH_01: it moves for the first 16 s. Seconds.
 _STARTS, _OF_A_START = np.arange(0.6, 15.0, 1.1).round(2).tolist(), 8.0
-_FLIGHTS = (("V1_01_easy", "room", 0.0), ("MH_04_difficult", "hall", 15.0))
+_FLIGHTS = (
+    ("V1_01_easy", "room", 0.0),
+    ("V1_02_medium", "room", 15.0),
+    ("V1_03_difficult", "room", 15.0),
+    ("MH_04_difficult", "hall", 15.0),
+)
 _OF_A_FLIGHT, _FLIGHT_RATE = 25.0, 20.0
+_HEADERS = {
+    "groundtruth": "#timestamp,p_x,p_y,p_z,q_w,q_x,q_y,q_z,v_x,v_y,v_z",
+    "imu0": "#timestamp [ns],w_x,w_y,w_z,a_x,a_y,a_z",
+}
 # What a run without a pose, or a worse one, counts in the means, mm.
 _FAILED = 100.0
 
@@ -63,9 +72,12 @@ def cases(data: Path, cache: Path) -> Iterator[Case]:
             yield Case(f"bedroom, {name} calibration", Recorded(bag, of_camera, truth))
     for flight, scene, start in _FLIGHTS:
         source = data / "euroc_motion" / flight
-        if source.is_dir() and left.is_dir():
+        packed = source.with_suffix(".npz")
+        if (source.is_dir() or packed.exists()) and left.is_dir():
             rendered = cache / f"{flight}.bag"
             if not rendered.exists():
+                if not source.is_dir():
+                    source = _unpacked(packed, cache / flight)
                 _render(rendered, source, scene, start, left / "MH_01_30s.calib.yaml")
             yield Case(f"{flight}, rendered {scene}", _beside(cache / flight))
 
@@ -86,6 +98,20 @@ def _crops() -> Iterator[tuple[str, tuple[int, int, int, int]]]:
 def _beside(path: Path) -> Recorded:
     """A recording with its calibration and truth next to it."""
     return Recorded(f"{path}.bag", f"{path}.calib.yaml", f"{path}.gt.tum")
+
+
+def _unpacked(packed: Path, folder: Path) -> Path:
+    """The folder with a flight's states and IMU as EuRoC's files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    flight = np.load(packed)
+    for file, columns in (("groundtruth", "gt"), ("imu0", "imu")):
+        stamps, rows = flight[f"{columns}_ns"].tolist(), flight[columns].tolist()
+        lines = [
+            ",".join(map(repr, (stamp, *row))) for stamp, row in zip(stamps, rows, strict=True)
+        ]
+        text = "\n".join([_HEADERS[file], *lines])
+        (folder / f"{file}.csv").write_text(f"{text}\n", encoding="utf-8")
+    return folder
 
 
 def _render(bag: Path, source: Path, scene: str, start: float, calibration: Path) -> None:

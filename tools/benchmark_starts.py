@@ -6,8 +6,7 @@
 
 From each moment on the odometry runs for some seconds, and its live estimates are compared with
 ground truth: ATE by evo, SE(3)-aligned without scale, and the scale of a Sim(3) alignment beside
-it. Ground truth slower than 50 Hz is not interpolated, but associated within 2 ms. A run without
-a pose counts as a failure of any limit.
+it. A run without a pose counts as a failure of any limit.
 """
 
 import json

@@ -3,8 +3,7 @@
 """The odometry on one recording, or on a part of it, and what its live estimates are worth.
 
 They are compared with ground truth: ATE by evo, SE(3)-aligned without scale, and the scale of a
-Sim(3) alignment beside it. Ground truth slower than 50 Hz is not interpolated, but associated
-within 2 ms.
+Sim(3) alignment beside it. The faster of the two is interpolated at the stamps of the other.
 """
 
 from collections.abc import Sequence
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from ruledgraph.calibration import read_calibration
 from ruledgraph.calibration.sensors import CameraModel
@@ -25,8 +25,8 @@ from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
 from ruledgraph.odometry import Odometry
 from ruledgraph.recording import open_recording
 
-# Ground truth with a longer step is not interpolated, s; stamps of one moment agree to this, s.
-_LONGEST_STEP, _SAME = 0.02, 0.002
+# Stamps of one moment agree to this, s.
+_SAME = 0.002
 
 
 @dataclass(frozen=True)
@@ -167,8 +167,7 @@ def _errors(estimates: Sequence[Estimate], truth: GroundTruth) -> _Errors | None
         [e.stamp for e in estimates], [e.world_T_body for e in estimates]
     )
     try:
-        if np.median(np.diff(truth.stamps)) * 1e-9 <= _LONGEST_STEP:
-            estimate, truth = matched(estimate, truth)
+        estimate, truth = at_slower_stamps(estimate, truth)
         rigid = compare(estimate, truth, tolerance=_SAME, lengths=())
         similar = compare(estimate, truth, align="sim3", tolerance=_SAME, lengths=())
     except EvaluationError:
@@ -177,6 +176,24 @@ def _errors(estimates: Sequence[Estimate], truth: GroundTruth) -> _Errors | None
     scale = float(np.cbrt(np.linalg.det(similar.reference_T_estimate[:3, :3])))
     of_shape = similar.errors["ate_translation"].rmse
     return _Errors(1e3 * errors.rmse, 1e3 * errors.max, 1e3 * of_shape, scale)
+
+
+def at_slower_stamps(estimate: Trajectory, truth: GroundTruth) -> tuple[Trajectory, GroundTruth]:
+    """Both where they overlap, the faster one interpolated at the stamps of the other.
+
+    Raises:
+        EvaluationError: when they hardly overlap.
+    """
+    if len(estimate) < 2 or _step(truth.stamps) <= _step(estimate.stamps):
+        return matched(estimate, truth)
+    known, at_truth = matched(
+        truth.trajectory, GroundTruth(estimate.stamps, estimate.positions, estimate.quaternions)
+    )
+    return at_truth.trajectory, GroundTruth(known.stamps, known.positions, known.quaternions)
+
+
+def _step(stamps: NDArray[np.int64]) -> float:
+    return float(np.median(np.diff(stamps)))
 
 
 def cell(value: float | None, digits: int) -> str:

@@ -70,8 +70,7 @@ class SegmentSequence:
 
     def row_motion(self, now: FrameTime) -> RowMotion | None:
         """The camera's motion during the frame, after `predicted`; None of a global shutter."""
-        sensors, segment, half = self._stages.sensors, self.current, 0.5 * self._mounted.readout
-        sensors.calibration, imu = self._mounted, sensors.imu
+        segment, half, imu = self.current, 0.5 * self._mounted.readout, self._stages.sensors.imu
         if not (half and imu.covers(now.time - half, now.time + half)):
             return None
         known = (None, _NO_BIAS) if segment is None else (segment.state, segment.window.newest.bias)
