@@ -22,7 +22,7 @@ from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import StateNode
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
-from ruledgraph.core.estimates import Covariances, Innovation
+from ruledgraph.core.estimates import Covariances, Innovation, Status
 from ruledgraph.core.timing import Messages
 from ruledgraph.integrity.contradictions import ImuCheck, LineCheck
 from ruledgraph.integrity.gauge import GaugeUncertainty
@@ -137,19 +137,25 @@ class IntegrityMonitor:
         of_pose, of_velocity, of_bias = (factor * block for block in covariances)
         return self._gauge.added_to((of_pose, of_velocity, of_bias), pose, velocity)
 
-    def are_small(self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray) -> bool:
-        """Whether position and velocity are known well enough for the status `tracking`.
+    def rated(
+        self, status: Status, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
+    ) -> Status:
+        """The status, `degraded` instead of `tracking` where position and velocity are not known
+        well enough, by the covariances that are handed out with it.
 
         Relative to the start of the segment: what a gap before it has left does not count.
         """
+        if status != "tracking":
+            return status
         none = np.zeros((6, 6)), np.zeros((3, 3)), np.zeros((6, 6))
         before = self._start_gauge.added_to(none, pose, velocity)
         of_pose, of_velocity = covariances[0] - before[0], covariances[1] - before[1]
         limits = self._limits
-        return bool(
+        known = (
             np.linalg.eigvalsh(of_velocity)[-1] < limits.tracking_velocity_sigma**2
             and np.linalg.eigvalsh(of_pose[3:, 3:])[-1] < limits.tracking_position_sigma**2
         )
+        return "tracking" if known else "degraded"
 
     def _keep_error(self, node: StateNode) -> None:
         """Of position and heading, from while images and IMU or lines and estimate disagreed."""

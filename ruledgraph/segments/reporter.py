@@ -64,6 +64,7 @@ class EstimateReporter:
         self._middle_row_delay = middle_row_delay
         self._extent_outliers = lines.extent_outliers
         self._live_by_stamp: dict[int, Estimate] = {}
+        """Not rated yet; neither are live estimates that are held back."""
         self._held = Output() if hold else None
 
     def release(self, window: Window, accepted: bool) -> None:
@@ -78,7 +79,7 @@ class EstimateReporter:
         live = {estimate.stamp: estimate for estimate in held.take_live()}
         for interval in window.intervals:
             live |= {e.stamp: e for e in self._of_live(interval, live)}
-        newest, smoothed = list(live.values()), held.take_smoothed()
+        newest, smoothed = [self._rated(e) for e in live.values()], held.take_smoothed()
         if not accepted:
             newest, smoothed = _degraded(newest), _degraded(smoothed)
         self._output.put(newest, smoothed, held.take_lines())
@@ -98,7 +99,9 @@ class EstimateReporter:
         at_state: bool,
         time_offset: TimeOffset,
     ) -> Estimate:
-        """The estimate of the latest frame, whose state has these covariances."""
+        """The estimate of the latest frame, whose state has these covariances, and this status
+        but for them.
+        """
         node = window.newest
         pose, velocity = self._at_stamp(state, node.bias, frame.time)
         estimate = Estimate(
@@ -114,9 +117,15 @@ class EstimateReporter:
             time_offset=time_offset,
             innovation=window.innovation if at_state else None,
         )
-        self._out.put(live=[estimate])
-        self._live_by_stamp[frame.stamp] = estimate
-        return estimate
+        self._live_by_stamp[frame.stamp], rated = estimate, self._rated(estimate)
+        self._out.put(live=[rated if self._held is None else estimate])
+        return rated
+
+    def _rated(self, estimate: Estimate) -> Estimate:
+        rated = self._monitor.rated(
+            estimate.status, estimate.covariances, estimate.world_T_body, estimate.velocity
+        )
+        return replace(estimate, status=rated)
 
     def smoothed(
         self, window: Window, intervals: Sequence[Interval], time_offset: TimeOffset
@@ -136,7 +145,7 @@ class EstimateReporter:
             frames = [_FrameState(window.first_stamp, *first, node.covariance), *frames]
         for stamp, pose, velocity, covariance in frames:
             live = self._live_by_stamp.pop(stamp, None)
-            yield Estimate(
+            estimate = Estimate(
                 stamp=stamp,
                 world_T_body=pose,
                 velocity=velocity,
@@ -148,6 +157,7 @@ class EstimateReporter:
                 segment=self._segment,
                 time_offset=live.time_offset if live else time_offset,
             )
+            yield self._rated(estimate)
 
     def _of_live(self, interval: Interval, live: Mapping[int, Estimate]) -> Iterable[Estimate]:
         """Live estimates of an interval's frames, by stamp, updated by the window."""

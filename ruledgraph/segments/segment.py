@@ -10,7 +10,7 @@ from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.start import Start
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
-from ruledgraph.core.estimates import Covariances, Status, blocks
+from ruledgraph.core.estimates import Status, blocks
 from ruledgraph.core.line_observations import LinePrediction
 from ruledgraph.imu.frame_history import EARLY, FrameTime
 from ruledgraph.imu.propagation import ImuPropagator
@@ -182,15 +182,16 @@ class TrajectorySegment:
         clock, pose, velocity = self._stages.clock, self.state.pose(), self.state.velocity()
         of_window = blocks(self._propagator.covariance(self.window.newest, frame.time))
         covariances = self.monitor.covariances(of_window, pose, velocity)
-        status = self._status(frame.time, lines, covariances)
+        status = self._status(frame.time, lines)
         estimate = self._reporter.live(
             self.window, frame, self.state, covariances, status, lines, at_state, clock.offset
         )
         if not self.monitor.misfits:  # else it may be lost since then
             self.last_reliable = ReliableState(frame.time, pose, velocity, estimate.covariances)
-        return status
+        return estimate.status
 
-    def _status(self, time: float, lines: int, covariances: Covariances) -> Status:
+    def _status(self, time: float, lines: int) -> Status:
+        """But for what the covariances say, see `IntegrityMonitor.rated`."""
         limits = self._config.integrity
         if lines >= limits.min_lines:
             self._last_lines = time
@@ -201,8 +202,7 @@ class TrajectorySegment:
             return "still"
         if time - self._last_lines > limits.lines_missing_time or self.monitor.parallel:
             return "dead reckoning"
-        known = self.monitor.are_small(covariances, self.state.pose(), self.state.velocity())
-        return "tracking" if known else "degraded"
+        return "tracking"
 
     def finish(self) -> None:
         """Hand out what is still in the window; degraded, if the start is on trial."""

@@ -149,6 +149,19 @@ def test_a_start_that_a_recordings_end_leaves_on_trial_is_degraded():
     assert not any("was on trial" in warning for warning in odometry.warnings)
 
 
+def test_each_estimate_is_rated_by_its_own_covariance():
+    """Live, held back on trial, and smoothed."""
+    stream, calibration = small_stream(moving=True)
+    most = 0.01  # m/s, about the median here
+    config = load_config(None, [f"integrity.tracking_velocity_sigma={most}"])
+    odometry, live, smoothed = run(stream, calibration, config)
+    assert not odometry.warnings
+    for estimates in (live, smoothed):
+        known = [np.linalg.eigvalsh(e.covariances[1])[-1] < most**2 for e in estimates]
+        assert [e.status == "tracking" for e in estimates] == known
+        assert {e.status for e in estimates} == {"tracking", "degraded"}
+
+
 def mirrored(measurements, after: float):
     """From so many s on the images are mirrored: they move against what the IMU feels."""
     start = frames(measurements)[0].stamp

@@ -313,10 +313,11 @@ def test_an_estimate_that_moves_while_the_body_rests_is_off_by_that():
 
 
 @pytest.mark.parametrize(
-    ("velocity", "position", "small"), [(0.04, 2.9, True), (0.06, 0.0, False), (0.0, 3.1, False)]
+    ("velocity", "position", "rated"),
+    [(0.04, 2.9, "tracking"), (0.06, 0.0, "degraded"), (0.0, 3.1, "degraded")],
 )
 def test_tracking_means_that_position_and_velocity_are_known_along_every_axis(
-    velocity, position, small
+    velocity, position, rated
 ):
     """Up to 0.05 m/s and 3 m, along the axis where they are known least.
 
@@ -331,4 +332,5 @@ def test_tracking_means_that_position_and_velocity_are_known_along_every_axis(
     for gauge in (GaugeUncertainty(), gap):
         monitor = IntegrityMonitor(gauge, Messages(), Config())
         covariances = gauge.added_to((of_pose, of_velocity, np.eye(6)), pose, speed)
-        assert monitor.are_small(covariances, pose, speed) == small
+        assert monitor.rated("tracking", covariances, pose, speed) == rated
+        assert monitor.rated("still", covariances, pose, speed) == "still"
