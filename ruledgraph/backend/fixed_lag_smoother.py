@@ -175,14 +175,6 @@ class FixedLagSmoother:
             return None
         return np.asarray(found) if np.isfinite(found).all() else None
 
-    def covariance(self, key: int) -> FloatArray | None:
-        """Marginal covariance of a variable, None when it cannot be computed."""
-        try:
-            found = np.asarray(self._smoother.marginalCovariance(key))
-        except (RuntimeError, IndexError):
-            return None
-        return found if np.isfinite(found).all() else None
-
 
 def _factors_on(keys: Set[int], graph: gtsam.NonlinearFactorGraph) -> list[int]:
     """Indices of the factors in Python on any of these variables."""

@@ -141,12 +141,14 @@ class LineMap:
         """Of the lines whose covariance is the oldest: it shrinks as a line is seen, so that an
         old one errs on the safe side.
         """
-        stalest = sorted(self.lines.values(), key=lambda line: line.covariance_time)
-        for line in stalest[: self._config.covariances_per_state]:
-            covariance = smoother.covariance(line.key)
+        by_age = sorted(self.lines.values(), key=lambda line: line.covariance_time)
+        stalest = by_age[: self._config.covariances_per_state]
+        # Together: most of the time goes into what they have in common.
+        joint = smoother.joint_covariance([line.key for line in stalest])
+        for i, line in enumerate(stalest):
             line.covariance_time = now
-            if covariance is not None:
-                line.covariance = covariance
+            if joint is not None:
+                line.covariance = joint[4 * i : 4 * i + 4, 4 * i : 4 * i + 4]
 
     # -- leaving ---------------------------------------------------------------------------------
 
