@@ -137,7 +137,7 @@ class Odometry(Output):
         sensors, mounting = self._stages.sensors, self._stages.mounting
         readout, correction = mounting.calibration.readout, sensors.offset_correction
         self._estimate(frame)
-        sensors.calibration = mounting.calibration
+        sensors.calibration = mounting.calibration  # how rows are read may be known now
         moved = abs(mounting.calibration.readout - readout)
         if mounting.calibration.readout:
             moved = max(moved, abs(sensors.offset_correction - correction))

@@ -5,8 +5,10 @@
     python tools/benchmark_recordings.py --data DATA --jobs 2 --json before.json
     python tools/benchmark_recordings.py --data DATA --only right --set window.lag=2
 
-The flights are real motion and IMU with rendered views; they are rendered once, into --cache. A
-change is judged by all rows together: chance moves single ones by half.
+The flights are real motion and IMU with rendered views; they are rendered once, into --cache. Each
+is a folder with groundtruth.csv and imu0.csv as EuRoC's, or NAME.npz with the same (gt: position,
+quaternion w, x, y, z, velocity; imu: gyroscope, accelerometer; stamps gt_ns and imu_ns). A change
+is judged by all rows together: chance moves single ones by half.
 """
 
 import json
@@ -77,7 +79,7 @@ def cases(data: Path, cache: Path) -> Iterator[Case]:
             rendered = cache / f"{flight}.bag"
             if not rendered.exists():
                 if not source.is_dir():
-                    source = _unpacked(packed, cache / flight)
+                    source = unpacked(packed, cache / flight)
                 _render(rendered, source, scene, start, left / "MH_01_30s.calib.yaml")
             yield Case(f"{flight}, rendered {scene}", _beside(cache / flight))
 
@@ -100,7 +102,7 @@ def _beside(path: Path) -> Recorded:
     return Recorded(f"{path}.bag", f"{path}.calib.yaml", f"{path}.gt.tum")
 
 
-def _unpacked(packed: Path, folder: Path) -> Path:
+def unpacked(packed: Path, folder: Path) -> Path:
     """The folder with a flight's states and IMU as EuRoC's files."""
     folder.mkdir(parents=True, exist_ok=True)
     flight = np.load(packed)

@@ -143,6 +143,8 @@ class LineMap:
         """
         by_age = sorted(self.lines.values(), key=lambda line: line.covariance_time)
         stalest = by_age[: self._config.covariances_per_state]
+        if not stalest:
+            return
         # Together: most of the time goes into what they have in common.
         joint = smoother.joint_covariance([line.key for line in stalest])
         for i, line in enumerate(stalest):

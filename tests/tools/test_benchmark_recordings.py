@@ -4,10 +4,12 @@
 import numpy as np
 import pytest
 
-from benchmark_recordings import Case, report
+from benchmark_recordings import Case, report, unpacked
 from recorded_runs import Recorded, Run, changed, changed_camera
 from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.core.measurements import Frame
+from ruledgraph.evaluation.ground_truth import read_ground_truth
+from ruledgraph.simulation import RecordedImu
 
 RECORDED = Recorded("a.bag", "a.yaml", "a.tum")
 CAMERA = CameraModel(200, 100, 150.0, 151.0, 99.5, 49.5, "radtan", (-0.2, 0.05, 1e-3, 1e-3))
@@ -54,3 +56,23 @@ def test_pixel_and_model_move_together(recorded):
     middle = [(weights * columns).sum(), (weights * rows).sum()]
     # Pixels of the small image have 8 bit.
     np.testing.assert_allclose(camera.distort(ray).pixels[0], middle, atol=0.02)
+
+
+def test_a_packed_flight_becomes_eurocs_files(tmp_path):
+    """To the last digit."""
+    rng = np.random.default_rng(1)
+    stamps = 1403715273262142976 + 5_000_000 * np.arange(20)
+    states, imu = rng.normal(size=(20, 10)), rng.normal(size=(20, 6))
+    states[:, 3:7] /= np.linalg.norm(states[:, 3:7], axis=1, keepdims=True)
+    np.savez(tmp_path / "flight.npz", gt_ns=stamps, gt=states, imu_ns=stamps, imu=imu)
+    folder = unpacked(tmp_path / "flight.npz", tmp_path / "flight")
+    truth = read_ground_truth(folder / "groundtruth.csv")
+    np.testing.assert_array_equal(truth.stamps, stamps)
+    np.testing.assert_array_equal(truth.positions, states[:, :3])
+    w, xyz = truth.quaternions[:, 3], truth.quaternions[:, :3]
+    # Of one sign all along, which is theirs or the other.
+    sign = np.sign(w * states[:, 3])[:, None]
+    np.testing.assert_allclose(sign * xyz, states[:, 4:7], atol=1e-12)
+    np.testing.assert_array_equal(RecordedImu(folder / "imu0.csv").stamps, stamps)
+    samples = np.loadtxt(folder / "imu0.csv", delimiter=",", comments="#")
+    np.testing.assert_array_equal(samples[:, 1:], imu)
