@@ -119,6 +119,8 @@ nb::class_<Surface> bind_surface(nb::module_& module, const char* name) {
 }  // namespace
 
 NB_MODULE(_native, module) {
+  // Graphs of GTSAM hold factors in Python until the interpreter has ended: no leak of ours.
+  nb::set_leak_warnings(false);
   nb::class_<Geometry>(module, "Geometry")
       .def(nb::new_(&make_geometry), nb::arg("world_T_anchor"), nb::arg("basis"), nb::arg("angle"),
            nb::arg("body_T_cam"), nb::arg("elapsed"), nb::arg("preintegrated"),
