@@ -35,10 +35,11 @@ _FLIGHTS = (
     ("MH_04_difficult", "hall", 15.0),
 )
 _OF_A_FLIGHT, _FLIGHT_RATE = 25.0, 20.0
-_HEADERS = {
-    "groundtruth": "#timestamp,p_x,p_y,p_z,q_w,q_x,q_y,q_z,v_x,v_y,v_z",
-    "imu0": "#timestamp [ns],w_x,w_y,w_z,a_x,a_y,a_z",
-}
+# Of a packed flight: EuRoC's file, the name of its columns, and their titles.
+_PACKED = (
+    ("groundtruth", "gt", "#timestamp,p_x,p_y,p_z,q_w,q_x,q_y,q_z,v_x,v_y,v_z"),
+    ("imu0", "imu", "#timestamp [ns],w_x,w_y,w_z,a_x,a_y,a_z"),
+)
 # What a run without a pose, or a worse one, counts in the means, mm.
 _FAILED = 100.0
 
@@ -105,14 +106,12 @@ def _beside(path: Path) -> Recorded:
 def unpacked(packed: Path, folder: Path) -> Path:
     """The folder with a flight's states and IMU as EuRoC's files."""
     folder.mkdir(parents=True, exist_ok=True)
-    flight = np.load(packed)
-    for file, columns in (("groundtruth", "gt"), ("imu0", "imu")):
-        stamps, rows = flight[f"{columns}_ns"].tolist(), flight[columns].tolist()
-        lines = [
-            ",".join(map(repr, (stamp, *row))) for stamp, row in zip(stamps, rows, strict=True)
-        ]
-        text = "\n".join([_HEADERS[file], *lines])
-        (folder / f"{file}.csv").write_text(f"{text}\n", encoding="utf-8")
+    with np.load(packed) as flight:
+        for file, columns, titles in _PACKED:
+            each = zip(flight[f"{columns}_ns"].tolist(), flight[columns].tolist(), strict=True)
+            lines = [",".join(map(repr, (stamp, *row))) for stamp, row in each]
+            text = "\n".join([titles, *lines, ""])
+            (folder / f"{file}.csv").write_text(text, encoding="utf-8")
     return folder
 
 

@@ -25,9 +25,6 @@ from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
 from ruledgraph.odometry import Odometry
 from ruledgraph.recording import open_recording
 
-# Stamps of one moment agree to this, s.
-_SAME = 0.002
-
 
 @dataclass(frozen=True)
 class Run:
@@ -168,8 +165,8 @@ def _errors(estimates: Sequence[Estimate], truth: GroundTruth) -> _Errors | None
     )
     try:
         estimate, truth = at_slower_stamps(estimate, truth)
-        rigid = compare(estimate, truth, tolerance=_SAME, lengths=())
-        similar = compare(estimate, truth, align="sim3", tolerance=_SAME, lengths=())
+        rigid = compare(estimate, truth, lengths=())
+        similar = compare(estimate, truth, align="sim3", lengths=())
     except EvaluationError:
         return None
     errors = rigid.errors["ate_translation"]

@@ -117,7 +117,8 @@ class EstimateReporter:
             time_offset=time_offset,
             innovation=window.innovation if at_state else None,
         )
-        self._live_by_stamp[frame.stamp], rated = estimate, self._rated(estimate)
+        self._live_by_stamp[frame.stamp] = estimate
+        rated = self._rated(estimate)
         self._out.put(live=[rated if self._held is None else estimate])
         return rated
 
