@@ -45,7 +45,9 @@ def stamp_of(time: float) -> int:
 
 
 def sighting(stamp: int, points: np.ndarray) -> Sighting:
-    return Sighting(stamp, points, GeometricPoints.from_frames([points]).statistics[0])
+    """As the front end makes it, without the points' scatter."""
+    compressed = GeometricPoints.from_frames([points]).without_scatter()
+    return Sighting(stamp, points, compressed.statistics[0])
 
 
 def ideal_tracks(

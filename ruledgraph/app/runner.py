@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager, closing, contextmanager, nullcont
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from ruledgraph.app.found_calibration import calibration_summary, write_found_calibration
@@ -69,6 +70,7 @@ class _Tally:
     lines_in_view: int = 0
     statuses: Counter[str] = field(default_factory=Counter)
     innovations: list[Innovation] = field(default_factory=list)
+    edge_sigmas_px: list[float] = field(default_factory=list)
 
     @property
     def seconds(self) -> float:
@@ -233,6 +235,8 @@ def _hand_over(
     tally.lines_in_view += sum(estimate.lines for estimate in live)
     tally.statuses.update(estimate.status for estimate in live)
     tally.innovations += [e.innovation for e in live if e.innovation is not None]
+    if isinstance(odometry, Odometry) and live and odometry.window is not None:
+        tally.edge_sigmas_px.append(odometry.window.edge_sigma_px)
 
 
 def _progress(odometry: "Odometry | PaperOdometry", tally: _Tally) -> Progress:
@@ -278,6 +282,7 @@ def _summary(
         "line_sightings": tally.line_sightings,
         "lines_in_view": tally.lines_in_view / max(tally.estimates, 1),
         "innovations": _innovations(tally.innovations),
+        "edge_sigma_px": median(tally.edge_sigmas_px) if tally.edge_sigmas_px else None,
         "recoveries": odometry.recoveries,
         "warnings": warnings[:_MOST_WARNINGS],
         "warnings_left_off": max(0, len(warnings) - _MOST_WARNINGS) + odometry.warnings.left_off,

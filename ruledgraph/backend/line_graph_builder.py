@@ -103,10 +103,11 @@ class LineGraphBuilder:
         now: float,
         update: GraphUpdate,
         distance: float,
+        weight: float,
     ) -> Landmark | None:
         """Give a track a variable, with factors in all intervals that saw it.
 
-        `distance` (m) is the `usual_distance` of lines.
+        `distance` (m) is the `usual_distance` of lines, `weight` the usual one.
 
         Returns:
             The line; None if it cannot be triangulated yet.
@@ -133,6 +134,7 @@ class LineGraphBuilder:
             first_stamp=first.interval.stamps[first.frames[0]],
             last_stamp=0,
             last_time=now,
+            weight=weight,
         )
         self._keys_so_far += 1
         update.values.insert(line.key, line.delta)

@@ -19,7 +19,8 @@ from ruledgraph.backend.line_distance import usual_distance
 from ruledgraph.backend.line_factors import EdgeModel, observation
 from ruledgraph.backend.line_fit import line_fit
 from ruledgraph.backend.line_graph_builder import ImpossibleLineError, LineGraphBuilder
-from ruledgraph.backend.start import InitialLine
+from ruledgraph.backend.line_weights import LineWeights
+from ruledgraph.backend.start import Start
 from ruledgraph.backend.states import Interval, LineObservation
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
@@ -32,14 +33,14 @@ class LineMap:
     Args:
         calibration: of the camera.
         config: all settings.
-        initial_lines: estimates of a start, by the number of the track.
+        start: with estimates of lines by the number of the track, and the noise of edges.
     """
 
     def __init__(
         self,
         calibration: Calibration,
         config: Config,
-        initial_lines: Mapping[int, InitialLine],
+        start: Start,
     ) -> None:
         self.lines: dict[int, Landmark] = {}
         """By their ids."""
@@ -54,7 +55,8 @@ class LineMap:
         self._min_track_age = config.tracks.min_track_age
         self.model = EdgeModel.of(calibration, config)
         """Of the camera and its edge points."""
-        self._builder = LineGraphBuilder(self.model, config.lines, initial_lines)
+        self.weights = LineWeights(self.model.sigma, start.edge_variance, config)
+        self._builder = LineGraphBuilder(self.model, config.lines, start.lines)
 
     # -- entering --------------------------------------------------------------------------------
 
@@ -80,7 +82,9 @@ class LineMap:
                 self._builder.observe(intervals[-1], line, *seen, now, update, own)
             elif self._is_mature(track, now):
                 try:
-                    entered = self._builder.new_line(track, intervals, now, update, distance)
+                    entered = self._builder.new_line(
+                        track, intervals, now, update, distance, self.weights.usual
+                    )
                 except ImpossibleLineError:
                     self.rejected.add(track.id)
                 else:

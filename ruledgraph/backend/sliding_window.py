@@ -14,7 +14,6 @@ from ruledgraph.backend.imu_intervals import imu_interval, let_jump
 from ruledgraph.backend.innovation import Predictions
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_map import LineMap
-from ruledgraph.backend.line_weights import reweigh
 from ruledgraph.backend.rest_factors import rest_factors
 from ruledgraph.backend.self_calibration import SelfCalibration, add_self_calibration
 from ruledgraph.backend.start import Start
@@ -49,7 +48,7 @@ class Window:
         self._imu_noise = calibration.imu_noise
         first = first_state(start)
         self._states = StateSequence(first)
-        self.line_map = LineMap(calibration, config, start.lines)
+        self.line_map = LineMap(calibration, config, start)
         self._solver = WindowSolver(self._states, self.line_map, config)
         offset = start.time_offset
         self.self_calibration = SelfCalibration(
@@ -87,6 +86,11 @@ class Window:
     def lines(self) -> dict[int, Landmark]:
         """The lines of the graph by their ids."""
         return self.line_map.lines
+
+    @property
+    def edge_sigma_px(self) -> float:
+        """Standard deviation of an edge point as found by now, px."""
+        return self._config.edges.sigma_px * math.sqrt(self.line_map.weights.edge_variance)
 
     @property
     def recoveries(self) -> list[str]:
@@ -178,8 +182,7 @@ class Window:
         self.innovation = self._predictions.innovation(self.newest)
         self.self_calibration = self.self_calibration.after(self.intervals[-1])
         self.line_map.check_fit(self.intervals[-1])
-        prior = self._config.lines.weight_prior
-        reweigh(self.intervals, self.lines.values(), prior)
+        self.line_map.weights.update(self.intervals, self.lines.values())
         return gone
 
     def _drop_old(self) -> list[Interval]:

@@ -51,6 +51,8 @@ class Start:
     """Of tracks by number: what is known of them already."""
     time_offset: TimeOffset | None = None
     """Beyond the frames' times; None: not to be estimated."""
+    edge_variance: float = 1.0
+    """Of edge points, over that of `edges.sigma_px`."""
 
     def moved(self, by: gtsam.Pose3) -> "Start":
         """The same start in another world: turned about the vertical and shifted, `by` a pose."""

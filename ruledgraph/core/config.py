@@ -100,9 +100,9 @@ class StartConfig(Section):
     shortest: float = number(0.9, "s", 0.2, 10.0)
     """Shortest first window of a start in motion: in less time a wrong motion explains the lines
     too often. The longest is the smoother's lag, and where that is less, it counts."""
-    velocity_sigma: float = number(0.08, "m/s", 1e-3, 1.0)
+    velocity_sigma: float = number(0.12, "m/s", 1e-3, 1.0)
     """Accepted standard deviation of the velocity at both ends, gravity and biases being unknown:
-    a few percent of a walk, and so of the scale."""
+    a tenth of a walk, and so of the scale."""
     outlier_share: float = number(0.35, "", 0.0, 0.5)
     """Accepted share of sightings that contradict the start: tracks on other edges or things that
     move. On two real cameras a quarter of the tracks miss a straight line by more than 0.4 px; from

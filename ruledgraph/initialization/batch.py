@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The batch solution of a first window."""
 
+from copy import copy
 from typing import NamedTuple
 
 import gtsam
@@ -103,6 +104,13 @@ class Batch:
         self._problem = self._built(effort.chunk)
         self._at = minimized(self._problem, self._at, effort.iterations)
         self.error = self._problem.cost(self._at)
+
+    def solved_again(self, window: FirstWindow, cauchy_px: float) -> "Batch":
+        """Another one of the same window with other noise of its edges, begun here; see `solve`."""
+        other = copy(self)
+        other._window = window
+        other.solve(cauchy_px)
+        return other
 
     def _built(self, chunk: int) -> BatchProblem:
         return BatchProblem(

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What a start in motion is made from."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -36,10 +37,17 @@ class FirstWindow:
     seen: Sequence[Seen]
     calibration: Calibration
     config: Config
+    edge_variance: float = 1.0
+    """Of edge points, over that of `edges.sigma_px`."""
 
     @property
     def sigma(self) -> float:
         """Standard deviation of a point, normalised units."""
+        return self.figure * math.sqrt(self.edge_variance)
+
+    @property
+    def figure(self) -> float:
+        """The same by `edges.sigma_px`."""
         return self.config.edges.sigma_px / self.calibration.camera.focal_length
 
     @cached_property

@@ -3,13 +3,15 @@
 """A start in motion: several hypotheses, the best of them, and whether it is accepted."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from statistics import NormalDist
 
 import gtsam
 import numpy as np
 
+from ruledgraph.backend.edge_noise import edge_variance
 from ruledgraph.backend.start import Start
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.arrays import FloatArray
@@ -43,6 +45,8 @@ _WIDE, _NARROW, _BETWEEN = (6.0, 2.0), (2.0, 2.0), 1.0
 # Lines that fit, or there is nothing that the window could hold on to: motion along one line is
 # not seen.
 _FEWEST_LINES = 2
+# Tilt, velocity and biases.
+_STATE_DOF = 11
 
 
 def start_in_motion(
@@ -79,6 +83,9 @@ def start_in_motion(
     samples = imu.between(times[0], times[-1])
     window = FirstWindow(samples, list(times[::step]), seen, calibration, config)
     best = solved(window)
+    if best:
+        window = replace(window, edge_variance=_edge_variance(best[0], window))
+        best = _sorted(_solved_again(batch, window) for batch in best)
     if not best:
         return Refusal("no start converged")
     return _accepted(best, window, stamps[0])
@@ -89,8 +96,12 @@ def solved(window: FirstWindow) -> list[Batch]:
 
     All are followed to the end: which one is best shows when the loss is narrow.
     """
-    batches = filter(None, (_followed(window, begin) for begin in _hypotheses(window)))
-    return sorted(batches, key=lambda batch: batch.error)
+    return _sorted(_followed(window, begin) for begin in _hypotheses(window))
+
+
+def _sorted(batches: Iterable[Batch | None]) -> list[Batch]:
+    """Those that there are, best first."""
+    return sorted(filter(None, batches), key=lambda batch: batch.error)
 
 
 def _hypotheses(window: FirstWindow) -> Iterator[Callable[[], InitialValues]]:
@@ -126,11 +137,27 @@ def _followed(window: FirstWindow, begin: Callable[[], InitialValues]) -> Batch 
     return batch
 
 
+def _edge_variance(batch: Batch, window: FirstWindow) -> float:
+    """By the sightings that do not contradict the start, see `edge_variance`."""
+    misfits = np.concatenate(batch.misfits(window.figure))
+    fitting = misfits[misfits < _chi_square_2(window.config.start.confidence)]
+    dof = 2.0 * len(fitting) - 4.0 * len(window.seen) - _STATE_DOF
+    return edge_variance(float(np.sum(fitting)), dof, window.config.edges)
+
+
+def _solved_again(batch: Batch, window: FirstWindow) -> Batch | None:
+    """With the noise of this window's edges; None where that ends in an indeterminate system."""
+    try:
+        return batch.solved_again(window, window.config.lines.cauchy_scale_px or _BETWEEN)
+    except (FactorError, np.linalg.LinAlgError):
+        return None
+
+
 def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start | Refusal:
     """The best hypothesis, if it is accepted."""
     batch, config, start = best[0], window.config, window.config.start
     limit = _chi_square_2(start.confidence)
-    fits = [misfit < limit for misfit in batch.misfits(window.sigma)]
+    fits = [misfit < limit for misfit in batch.misfits(window.figure)]
     outliers = 1.0 - float(np.mean(np.concatenate(fits)))
     if outliers > start.outlier_share:
         return Refusal(f"only {100 * (1 - outliers):.0f} % of the lines fit a common motion")
@@ -163,6 +190,7 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
         bias_sigmas=bias_sigmas(config),
         lines=lines,
         time_offset=offset,
+        edge_variance=window.edge_variance,
     )
 
 

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
 """Integrity monitoring: whether the estimate contradicts the IMU or the lines, and covariances
-that are inflated for errors that the window's marginals do not show.
+for errors that the window's marginals do not show.
 
-- Noise is larger than its figures say: marginals depend on the figures alone. Where it seems to be
-  smaller they stay: it may be chance, or a motion that says little.
+- Noise is larger or smaller than the window takes it for: marginals are multiplied by the variance
+  factor. A position keeps what a time of larger noise has added to it.
 - All lines are parallel: only the IMU observes the motion along them, but marginals of factors
   linearised at other points say otherwise.
 - The estimate moves while the body rests.
@@ -132,8 +132,8 @@ class IntegrityMonitor:
     def covariances(
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
     ) -> Covariances:
-        """Marginals of a state, inflated by what contradicts them, plus the gauge uncertainty."""
-        factor = max(1.0, self._variance.of_covariances)
+        """Marginals of a state times the variance factor, plus the gauge uncertainty."""
+        factor = self._variance.of_covariances
         of_pose, of_velocity, of_bias = (factor * block for block in covariances)
         return self._gauge.added_to((of_pose, of_velocity, of_bias), pose, velocity)
 

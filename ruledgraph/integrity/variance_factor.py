@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""How much larger the noise is than its figures say, by the innovations."""
+"""How much larger or smaller the noise is than the window takes it for, by the innovations."""
 
 import math
 from collections import deque
@@ -27,7 +27,9 @@ class _Told(NamedTuple):
         return _Told(time, kept * self.nis, kept * self.dof)
 
     def most(self, prior: float, dof: int, confidence: float) -> float:
-        """The largest sum of squares over so many degrees of freedom, with a confidence."""
+        """The largest sum of squares over so many degrees of freedom, with a confidence. Noise as
+        the figures say is no surprise, however small it was before.
+        """
         known = prior + self.dof
         expected = max(1.0, (prior + self.nis) / known)
         return dof * expected * float(fdtri(dof, known, confidence))

@@ -43,7 +43,8 @@ def test_shares_are_of_the_right_whole():
 
 
 def test_how_well_the_noise_figures_fit():
-    assert "Innovations" not in rows()
+    assert not {"Innovations", "Edges"} & rows().keys()
+    assert rows(edge_sigma_px=1.46)["Edges"].startswith("1.5 px of noise (median)")
     assert rows(innovations={"states": 90, "nis_per_dof": 3.82})["Innovations"] == (
         "NIS 3.8 per degree of freedom, 1 where the noise figures are right; over 90 states"
     )

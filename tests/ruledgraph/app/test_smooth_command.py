@@ -101,6 +101,7 @@ def test_the_summary_has_the_figures(results):
     assert summary["accuracy"]["trajectory"]["ate_rmse"] < 0.02
     assert summary["accuracy"]["trajectory_live"]["ate_rmse"] < 0.02
     assert summary["recoveries"] == []
+    assert 0.1 < summary["edge_sigma_px"] < 1.0  # rendered edges are sharper than it begins with
     assert {"gradient", "search", "smoother", "detection"} <= set(summary["stages"])
     assert summary["stages"]["smoother"]["p99_ms"] <= summary["stages"]["smoother"]["max_ms"]
 

@@ -20,7 +20,6 @@ from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph_factors import GeometricPoints
 from simulated_window import hand_held
 
 ONSET = 0.8
@@ -31,8 +30,10 @@ FRAMES = 6
 """Of a state, at 30 Hz."""
 CONFIDENCE = 0.9999
 LIMIT = float(chi2.ppf(CONFIDENCE, JUMP_DOF))
-IDEAL = Config.model_validate({"imu": {"accelerometer_scale_sigma": 0.0}})
-"""The IMU of the tracks has no errors but its noise and biases."""
+IDEAL = Config.model_validate(
+    {"imu": {"accelerometer_scale_sigma": 0.0}, "edges": {"variance_prior": 1e9}}
+)
+"""The IMU of the tracks has no errors but its noise and biases, and edges are as noisy as said."""
 
 
 def made_of(seed: int, jump: FloatArray) -> IdealTracks:
@@ -42,17 +43,11 @@ def made_of(seed: int, jump: FloatArray) -> IdealTracks:
     for time, w, f in zip(samples.times, samples.gyroscope, samples.accelerometer, strict=True):
         on = time > ONSET
         felt.append(time, w + on * jump[3:], f + on * jump[:3])
-    tracks = [seen_as(track, map(without_scatter, track.sightings)) for track in made.tracks]
-    return replace(made, imu=felt, tracks=tracks)
+    return replace(made, imu=felt)
 
 
 def seen_as(track: LineTrack, sightings: Iterable[Sighting]) -> LineTrack:
     return track._replace(sightings=deque(sightings))
-
-
-def without_scatter(sighting: Sighting) -> Sighting:
-    statistics = GeometricPoints(sighting.statistics[None]).without_scatter().statistics[0]
-    return sighting._replace(statistics=statistics)
 
 
 def run(

@@ -1,18 +1,19 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lines that err more than the others count for less."""
+"""Lines that err more than the others count for less, and all of a noisy camera."""
 
 import numpy as np
 import pytest
 
 from ideal_tracks import IdealTracks, error_of, ideal_tracks, sighting
-from ruledgraph.backend.line_weights import reweigh
+from ruledgraph.backend.line_weights import LineWeights
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.settings import load_config
 from simulated_window import FOCAL_LENGTH, hand_held
 from window_runs import run_window
 
-SETTINGS = ["edges.sigma_px=0.5", "lines.cauchy_scale_px=0"]
+KEPT = "edges.variance_prior=1e9"
+SETTINGS = ["edges.sigma_px=0.5", "lines.cauchy_scale_px=0", KEPT]
 
 
 def wandering(seed: int, off_px: float, ids: tuple[int, ...] = (0, 1)) -> IdealTracks:
@@ -55,28 +56,63 @@ def test_the_estimate_is_better_for_it(seed):
     assert errors[0] < 0.7 * errors[1]
 
 
-def test_weights_are_those_of_student_s_t():
+@pytest.mark.parametrize("still", [0, 2])
+def test_weights_and_the_noise_of_edges_are_those_of_student_s_t(still):
     """Each line's squares and points summed here in another way."""
     window, _ = run_window(wandering(1, off_px=1.0), load_config(None, SETTINGS))
-    reweigh(window.intervals, window.lines.values(), prior=3.0)
-    mean_squares, counts = {}, {}
+    for interval in list(window.intervals)[:still]:
+        interval.still = True
+    config = load_config(None, ["edges.sigma_px=0.5", "lines.weight_prior=3"])
+    LineWeights(0.5 / FOCAL_LENGTH, 1.0, config).update(window.intervals, window.lines.values())
+    mean_squares, counts, moving = {}, {}, {}
+    dof = -15.0
     for id_, line in window.lines.items():
-        squares = points = counts[id_] = 0
-        for interval in window.intervals:
+        squares = points = counts[id_] = moving[id_] = 0
+        for n, interval in enumerate(window.intervals):
             for seen in interval.observations:
                 if seen.line is line and seen.factor.keys()[-1] == line.key:
                     state = interval.state(line.delta)
-                    squares += np.sum(seen.factor.evaluate(state, False).value ** 2)
+                    own = np.sum(seen.factor.evaluate(state, False).value ** 2)
+                    squares += own
                     points += sum(
                         np.linalg.norm(frame[:, 2]) ** 2 for frame in seen.points.statistics
                     )
                     counts[id_] += 1
+                    if n >= still:
+                        moving[id_] += own
+                        dof += 2.0 * seen.points.frames
+        dof -= 4.0
         mean_squares[id_] = squares / points
     usual = np.median(list(mean_squares.values()))
+    relative = {
+        id_: min(1.0, (3.0 + n) / (3.0 + n * mean_squares[id_] / usual))
+        for id_, n in counts.items()
+    }
+    squares = sum(relative[id_] * moving[id_] for id_ in relative) / (0.5 / FOCAL_LENGTH) ** 2
+    variance = (5.0 + squares) / (5.0 + dof / 8.0)
     for id_, weight in weights(window).items():
-        n = counts[id_]
-        expected = min(1.0, (3.0 + n) / (3.0 + n * mean_squares[id_] / usual))
-        assert weight == pytest.approx(expected, rel=1e-9)
+        assert weight == pytest.approx(relative[id_] / variance, rel=1e-9)
+
+
+@pytest.mark.parametrize("sigma_px", [0.25, 0.5, 2.0])
+def test_the_noise_of_edges_is_found_whatever_the_figure(sigma_px):
+    """0.5 px, independent from frame to frame: so large are the residuals."""
+    made = ideal_tracks(0, hand_held(np.random.default_rng(0)))
+    settings = [f"edges.sigma_px={sigma_px}", "edges.correlation=1", "edges.variance_prior=0.1"]
+    window, _ = run_window(made, load_config(None, settings))
+    found = sigma_px * np.sqrt(window.line_map.weights.edge_variance)
+    # Lines that scatter more by chance count for less, and so would their share of the noise.
+    assert found == pytest.approx(0.5, rel=0.1)
+
+
+def test_at_rest_residuals_say_nothing_of_the_noise():
+    window, _ = run_window(wandering(1, off_px=1.0), load_config(None, SETTINGS))
+    for interval in window.intervals:
+        interval.still = True
+    made = LineWeights(0.5 / FOCAL_LENGTH, 4.0, load_config(None, []))
+    made.update(window.intervals, window.lines.values())
+    assert made.edge_variance == 4.0
+    assert max(weights(window).values()) == 0.25
 
 
 def test_factors_have_the_weight_of_their_line():
@@ -91,6 +127,7 @@ def test_factors_have_the_weight_of_their_line():
 def test_nothing_happens_without_lines():
     window, _ = run_window(wandering(0, off_px=1.0), load_config(None, SETTINGS))
     before = weights(window)
-    reweigh([], window.lines.values(), prior=5.0)
-    reweigh(window.intervals, [], prior=5.0)
+    made = LineWeights(0.5 / FOCAL_LENGTH, 1.0, load_config(None, []))
+    made.update([], window.lines.values())
+    made.update(window.intervals, [])
     assert weights(window) == before

@@ -25,9 +25,9 @@ from simulated_window import hand_held
 from small_simulation import small_simulation, small_stream
 
 PRIOR = TimeOffset(0.0, 0.01)
-# With the noise of the tracks' points.
+# With the noise of the tracks' points, which is independent from frame to frame.
 ON, OFF = (
-    load_config(None, [f"time_offset.estimate={way}", "edges.sigma_px=0.5"])
+    load_config(None, [f"time_offset.estimate={way}", "edges.sigma_px=0.5", "edges.correlation=1"])
     for way in ("true", "false")
 )
 

@@ -129,7 +129,8 @@ def test_an_indeterminate_system_is_solved_by_dogleg_steps_and_nothing_is_lost(m
     made = ideal_tracks(3, hand_held(np.random.default_rng(3)))
     short = ["window.lag=0.6", "window.state_interval=0.1"]
     # So that there are marginals to take over, and that it is fast again soon.
-    config = load_config(None, [*short, "window.dogleg_updates=3", "edges.sigma_px=0.5"])
+    noise = ["edges.sigma_px=0.5", "edges.variance_prior=1e9"]
+    config = load_config(None, [*short, *noise, "window.dogleg_updates=3"])
     plain, _ = run_window(made, config)
     solve, calls = FixedLagSmoother._solve, []
 
@@ -145,9 +146,9 @@ def test_an_indeterminate_system_is_solved_by_dogleg_steps_and_nothing_is_lost(m
     assert calls[9:14] == [False, True, True, True, False]  # and fast again
     assert [text.count("Indeterminate") for text in window.recoveries] == [1]
     # The same up to where it is linearised: taking over does that anew, most steps do not.
-    assert error_of(window.newest.state.pose(), plain.newest.state.pose()) < 5e-4
+    assert error_of(window.newest.state.pose(), plain.newest.state.pose()) < 1e-3
     for ours, theirs in zip(window.newest.covariances, plain.newest.covariances, strict=True):
-        np.testing.assert_allclose(np.diag(ours), np.diag(theirs), rtol=0.15)
+        np.testing.assert_allclose(np.diag(ours), np.diag(theirs), rtol=0.3)
 
 
 @takes_over

@@ -24,7 +24,11 @@ ALLOWED = {
     "backend/landmarks.py": {"_KEPT": MEMORY, "_INFINITE": NUMERICS, "_PARALLEL": NUMERICS},
     "backend/line_distance.py": {"_KNOWN": "three standard deviations"},
     "backend/line_fit.py": {"_AT_INFINITY": NUMERICS},
-    "backend/line_weights.py": {"_NO_NOISE": NUMERICS},
+    "backend/line_weights.py": {
+        "_NO_NOISE": NUMERICS,
+        "_LINE_DOF": "counts unknowns",
+        "_STATE_DOF": "counts unknowns",
+    },
     "backend/line_merging.py": {
         "_PARALLEL": "up to which angle the chart is close to linear",
         "_ROUNDING": NUMERICS,

@@ -3,7 +3,6 @@
 
 from collections.abc import Callable
 from functools import partial
-from types import SimpleNamespace
 
 import gtsam
 import numpy as np
@@ -39,9 +38,9 @@ def in_motion(
     return ideal_tracks(seed, motion, rate=20.0, duration=duration, bias=bias, **more)
 
 
-def begun(made: IdealTracks) -> Start | Refusal:
+def begun(made: IdealTracks, config: Config | None = None) -> Start | Refusal:
     return start_in_motion(
-        made.imu, made.stamps, made.times.tolist(), made.tracks, CALIBRATION, Config()
+        made.imu, made.stamps, made.times.tolist(), made.tracks, CALIBRATION, config or Config()
     )
 
 
@@ -98,6 +97,8 @@ def test_a_start_in_motion_finds_velocity_gravity_and_lines(seed):
     np.testing.assert_allclose(start.bias.gyroscope(), made.bias[3:], atol=4e-3)
     assert len(start.lines) == len(MANY)
     assert start.time == made.times[0]
+    # 0.5 px, independent from frame to frame, which count as twice the variance of 1 px.
+    assert start.edge_variance == pytest.approx(2.0, rel=0.15)
 
 
 def test_four_lines_suffice_when_the_motion_shows_enough():
@@ -136,7 +137,8 @@ def test_a_few_wrong_associations_do_no_harm_and_more_are_refused():
     assert isinstance(start, Start)
     velocity = start.state.attitude().unrotate(start.state.velocity())
     true = made.motion.rotation(0.0).T @ made.motion.velocity(0.0)
-    np.testing.assert_allclose(velocity, true, atol=0.03)
+    # The noise of edges is found to be larger, and with it the scale of the loss.
+    np.testing.assert_allclose(velocity, true, atol=0.05)
     refusal = begun(jumped(in_motion(1), 0.35))
     assert isinstance(refusal, Refusal)
     assert "% of the lines fit a common motion" in refusal.reason
@@ -144,22 +146,35 @@ def test_a_few_wrong_associations_do_no_harm_and_more_are_refused():
 
 def test_a_start_waits_until_the_velocity_is_known():
     sigmas = []
-    for duration in (0.3, 0.45, 0.55, 0.6):
+    as_noisy_as_said = Config.model_validate({"edges": {"variance_prior": 1e9}})
+    for duration in (0.2, 0.25, 0.35, 0.5):
         made = in_motion(0, duration=duration)
         velocities = solved(window_of(made))[0].velocities()
         sigma = max(np.sqrt(np.linalg.eigvalsh(c)[-1]) for _, c in velocities)
-        # The threshold, as its meaning is documented: some 8 cm/s.
-        assert isinstance(begun(made), Start) == (sigma < 0.08)
+        # The threshold, as its meaning is documented: some 12 cm/s.
+        assert isinstance(begun(made, as_noisy_as_said), Start) == (sigma < 0.12)
         sigmas.append(sigma)
     # On both sides of it, so closely that neither half nor twice of it would do.
-    assert any(0.04 < sigma < 0.08 for sigma in sigmas)
-    assert any(0.08 < sigma < 0.16 for sigma in sigmas)
+    assert any(0.06 < sigma < 0.12 for sigma in sigmas)
+    assert any(0.12 < sigma < 0.24 for sigma in sigmas)
 
 
 def test_one_line_is_refused_with_the_reason():
     refusal = begun(in_motion(0, segments=SEGMENTS[:1]))
     assert isinstance(refusal, Refusal)
     assert refusal.reason == "1 lines were followed long enough, 2 are needed"
+
+
+class Rival:
+    """Of a batch, with another velocity and a larger error."""
+
+    def __init__(self, best: Batch, velocity: np.ndarray, worse: float) -> None:
+        self.pose, self.velocity, self.error = best.pose, best.velocity + velocity, np.inf
+        self._best, self._worse = best, worse
+
+    def solved_again(self, window: FirstWindow, cauchy_px: float) -> "Rival":
+        self.error = self._best.solved_again(window, cauchy_px).error + self._worse
+        return self
 
 
 @pytest.mark.parametrize(
@@ -171,12 +186,9 @@ def test_a_start_is_refused_when_another_motion_fits_as_well(
     monkeypatch, made_and_solved, velocity, worse, is_accepted
 ):
     made, (best, *_) = made_and_solved
-    rival = SimpleNamespace(
-        pose=best.pose, velocity=best.velocity + velocity * np.eye(3)[0], error=best.error + worse
-    )
+    rival = Rival(best, velocity * np.eye(3)[0], worse)
     # The second best has come to the same motion: that does not hide another one behind it.
-    same = SimpleNamespace(pose=best.pose, velocity=best.velocity, error=best.error + 0.1)
-    found = [best, same, rival]
+    found = [best, Rival(best, np.zeros(3), 0.1), rival]
     monkeypatch.setattr(ruledgraph.initialization.in_motion, "solved", lambda _: found)
     start = begun(made)
     assert isinstance(start, Start) == is_accepted
@@ -212,13 +224,13 @@ SURE = np.array([1.0, 0.0, 0.0]), 1e-6 * np.eye(3)
 @pytest.mark.parametrize(
     ("speed", "sigmas", "reason"),
     [
-        (1.0, (0.07, 0.07, 0.07), ""),
-        (1.0, (0.01, 0.01, 0.09), "uncertain by 0.09 m/s"),
+        (1.0, (0.11, 0.11, 0.11), ""),
+        (1.0, (0.01, 0.01, 0.13), "uncertain by 0.13 m/s"),
         # A scale of 100 +- 36 % is known with 99 % confidence, one of 100 +- 43 % is not ...
         (0.1, (0.036, 0.01, 0.01), ""),
         (0.1, (0.043, 0.01, 0.01), "too little acceleration"),
         # ... across the motion it does not matter, and at rest there is none.
-        (0.1, (0.036, 0.07, 0.07), ""),
+        (0.1, (0.036, 0.11, 0.11), ""),
         (0.001, (0.009, 0.009, 0.009), ""),
     ],
 )
