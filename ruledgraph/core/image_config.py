@@ -21,8 +21,8 @@ class EdgesConfig(Section):
     min_length: float = number(20.0, "px", 10.0, 1e4)
     """Shortest segment that starts a line: as short as a track may become."""
     sigma_px: float = number(1.0, "px", 0.01, 20.0)
-    """Standard deviation of an edge point until the images have shown it. One alone scatters less,
-    but the points of a line err together, and from frame to frame."""
+    """Standard deviation of an edge point. It counts until the images have shown another one. A
+    point alone scatters less, but the points of a line err together, and from frame to frame."""
     variance_prior: float = number(5.0, "", 0.1, 1e9)
     """Degrees of freedom that this figure counts for, beside the residuals of lines: few. A huge
     number keeps the figure."""

@@ -27,7 +27,7 @@ def test_what_is_written_reads_back(tmp_path):
 
 def test_what_is_written_explains_itself():
     text = config_text(load_config(None, ["edges.sigma_px=0.35"]))
-    assert "  # Standard deviation of an edge point until " in text
+    assert "  # Standard deviation of an edge point. " in text
     assert " Default: 1.0 px\n  sigma_px: 0.35\n" in text
 
 
