@@ -88,26 +88,6 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         ),
     ),
     (
-        "backend/edge_noise.py",
-        "backend/test_edge_noise",
-        (
-            ("max(dof, 0.0) / config.correlation", "max(dof, 0.0)"),
-            ("(config.variance_prior + told)", "(1.0 + told)"),
-            ("told = squares if independent > 0.0 else 0.0", "told = squares"),
-        ),
-    ),
-    (
-        "backend/line_weights.py",
-        "backend/test_line_weights",
-        (
-            ("if not still:", "if True:"),
-            ("own.weigh(weight / self.edge_variance)", "own.weigh(weight)"),
-            ("weights @ [own.moving", "np.ones(len(known)) @ [own.moving"),
-            ("own.moving_dof - _LINE_DOF", "own.moving_dof"),
-            ("        dof -= _STATE_DOF", "        dof -= 0.0"),
-        ),
-    ),
-    (
         "integrity/variance_factor.py",
         "integrity/test_variance_factor",
         (
