@@ -36,12 +36,7 @@ class LineMap:
         start: with estimates of lines by the number of the track, and the noise of edges.
     """
 
-    def __init__(
-        self,
-        calibration: Calibration,
-        config: Config,
-        start: Start,
-    ) -> None:
+    def __init__(self, calibration: Calibration, config: Config, start: Start) -> None:
         self.lines: dict[int, Landmark] = {}
         """By their ids."""
         self.retired: list[Landmark] = []

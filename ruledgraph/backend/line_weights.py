@@ -103,8 +103,7 @@ class LineWeights:
         usual = max(float(np.median(mean_squares)), _NO_NOISE)
         prior = self._prior
         weights = np.minimum(1.0, (prior + counts) / (prior + counts * mean_squares / usual))
-        dof = sum(own.moving_dof - _LINE_DOF for own in known if own.moving_dof > 0.0)
-        dof -= _STATE_DOF
+        dof = sum(own.moving_dof - _LINE_DOF for own in known if own.moving_dof > 0.0) - _STATE_DOF
         if dof > 0.0:
             squares = float(weights @ [own.moving for own in known]) / self._sigma**2
             self.edge_variance = edge_variance(squares, dof, self._edges)

@@ -72,7 +72,7 @@ class VarianceFactor:
 
     @property
     def of_covariances(self) -> float:
-        """By which the reported covariance is larger than C."""
+        """The reported covariance over C."""
         quantile = float(stdtrit(self._prior + self._newest.dof, ndtr(_SIGMAS)))
         return self.estimate * (quantile / _SIGMAS) ** 2
 

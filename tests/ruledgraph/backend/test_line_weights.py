@@ -12,8 +12,7 @@ from ruledgraph.core.settings import load_config
 from simulated_window import FOCAL_LENGTH, hand_held
 from window_runs import run_window
 
-KEPT = "edges.variance_prior=1e9"
-SETTINGS = ["edges.sigma_px=0.5", "lines.cauchy_scale_px=0", KEPT]
+SETTINGS = ["edges.sigma_px=0.5", "lines.cauchy_scale_px=0", "edges.variance_prior=1e9"]
 
 
 def wandering(seed: int, off_px: float, ids: tuple[int, ...] = (0, 1)) -> IdealTracks:
