@@ -29,50 +29,31 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
-import gtsam
-import numpy as np
-from scipy.spatial.transform import Rotation
 
 import fault_scenes
 from fault_cases import CLEAN, Case, cases, lift_cases, other_camera_case
+from reported_errors import reported_errors, segments_of
 from ruledgraph.app.batch.cluster import in_parallel
-from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Gap, Measurement
 from ruledgraph.core.trajectory import Trajectory
-from ruledgraph.evaluation import accuracy, matched
-from ruledgraph.evaluation.ground_truth import GroundTruth
-from ruledgraph.integrity.gauge import heading
+from ruledgraph.evaluation import accuracy
 from ruledgraph.odometry import Odometry
 from ruledgraph.recording import Report
 from ruledgraph.recording.inertial import mark_gaps
 
-# What ground truth is uncertain by, m: added to the covariance.
-_TRUTH_SIGMA = 0.003
-# Errors below this (m) are not held against an estimate, whatever its covariance.
-_UNREPORTED_ERROR = 0.03
+# Of the frames that are called tracking or still.
 _UNREPORTED_SHARE = 0.01
 # What may be beyond three sigmas of a Gaussian in three dimensions, and more.
 _BEYOND_SHARE = 0.05
-_FEWEST = 3
-# How much of a segment says where it began, s.
-_BEGINNING = 0.3
 # Where saturated sensors end on the recordings that get all faults, rad/s and m/s^2.
 _LIMITS = {"simulated": (0.25, 10.5), "real": (0.45, 9.0)}
-
-
-@dataclass
-class Segment:
-    """The estimates between a start and a break."""
-
-    live: list[Estimate] = field(default_factory=list)
-    smoothed: list[Estimate] = field(default_factory=list)
 
 
 def run(case: Case, source: fault_scenes.Source) -> dict[str, Any]:
@@ -85,46 +66,36 @@ def run(case: Case, source: fault_scenes.Source) -> dict[str, Any]:
     if not case.live:
         stream = mark_gaps((m for m in stream if not isinstance(m, Gap)), Report())
     odometry = Odometry(calibration)
-    segments: list[Segment] = []
-    window, started = None, time.perf_counter()
+    live: list[Estimate] = []
+    smoothed: list[Estimate] = []
+    started = time.perf_counter()
     for measurement in stream:
         odometry.add(measurement)
-        live = odometry.take_live()
-        if odometry.window is not window:
-            _take(odometry, segments)
-            window = odometry.window
-            segments.append(Segment())
-        if live:
-            segments[-1].live += live
-        _take(odometry, segments)
+        live += odometry.take_live()
+        smoothed += odometry.take_smoothed()
         odometry.take_lines()
     odometry.finish()
-    if segments:
-        segments[-1].live += odometry.take_live()
-    _take(odometry, segments)
-    estimates = [estimate for segment in segments for estimate in segment.live]
+    live += odometry.take_live()
+    smoothed += odometry.take_smoothed()
     row: dict[str, Any] = {
         "seconds": time.perf_counter() - started,
         "frames": recording.report.frames.count,
-        "estimated": len(estimates),
-        "segments": sum(bool(segment.live) for segment in segments),
+        "estimated": len(live),
+        "segments": len({estimate.segment for estimate in live}),
         "recoveries": len(odometry.recoveries),
-        "status": dict(Counter(estimate.status for estimate in estimates)),
+        "status": dict(Counter(estimate.status for estimate in live)),
         "warnings": dict(Counter(map(_kind, odometry.warnings))),
         "first warning": next(iter(odometry.warnings), ""),
         "first recovery": next(iter(odometry.recoveries), ""),
     }
-    if len(estimates) < _FEWEST:
+    segments = segments_of(live, smoothed)
+    if not segments:
         return row
-    found = accuracy(_trajectory(estimates), truth)
+    found = accuracy(_trajectory(live), truth)
     row |= {"ate": 1e3 * found.ate_rmse, "path": found.path_length}
-    return row | _honesty([s for s in segments if len(s.live) >= _FEWEST], truth)
-
-
-def _take(odometry: Odometry, segments: list[Segment]) -> None:
-    smoothed = odometry.take_smoothed()
-    if smoothed and segments:
-        segments[-1].smoothed += smoothed
+    errors = reported_errors(segments, truth)
+    row |= {"worst": errors.worst, "3s": errors.three_sigma}
+    return row | {"beyond": errors.beyond, "unreported": errors.unreported}
 
 
 def _trajectory(estimates: Sequence[Estimate]) -> Trajectory:
@@ -136,50 +107,6 @@ def _kind(warning: str) -> str:
         if kind in warning:
             return kind
     return warning[:40]
-
-
-def _honesty(segments: Sequence[Segment], truth: GroundTruth) -> dict[str, float]:
-    """Errors and the covariance that came with them."""
-    errors, ratios, flagged = [], [], []
-    for segment in segments:
-        world_T_true = _beginning(segment, truth)
-        kept, true = matched(_trajectory(segment.live), truth)
-        by_stamp = {estimate.stamp: estimate for estimate in segment.live}
-        estimates = [by_stamp[stamp] for stamp in kept.stamps.tolist()]
-        for estimate, place in zip(estimates, true.positions, strict=True):
-            pose = estimate.world_T_body
-            error = pose.translation() - world_T_true.transformFrom(place)
-            errors.append(float(np.linalg.norm(error)))
-            ratios.append(_over_three_sigma(pose.rotation().matrix().T @ error, estimate))
-            flagged.append(estimate.status in ("dead reckoning", "degraded"))
-    e, r, t = np.array(errors), np.array(ratios), np.array(flagged)
-    return {
-        "worst": 1e3 * float(e.max()),
-        "3s": float(r.max()),
-        "beyond": float(np.mean(r > 1.0)),
-        "unreported": float(np.sum((r > 1.0) & (e > _UNREPORTED_ERROR) & ~t) / max((~t).sum(), 1)),
-    }
-
-
-def _beginning(segment: Segment, truth: GroundTruth) -> gtsam.Pose3:
-    """Place and yaw of the true world in the segment's, from its first smoothed estimates.
-
-    The estimate is most certain there, and the truth's own noise is averaged.
-    """
-    first = segment.smoothed[0].stamp
-    start = [e for e in segment.smoothed if e.stamp <= first + _BEGINNING * 1e9]
-    start = start if len(start) >= _FEWEST else segment.smoothed[:_FEWEST]
-    ours, true = matched(_trajectory(start), truth)
-    if true.quaternions is None:
-        raise ValueError("ground truth without orientations")
-    turn = heading(*(Rotation.from_quat(t.quaternions).as_matrix() for t in (ours, true)))
-    shift = ours.positions.mean(axis=0) - turn.rotate(true.positions.mean(axis=0))
-    return gtsam.Pose3(turn, shift)
-
-
-def _over_three_sigma(in_body: FloatArray, estimate: Estimate) -> float:
-    covariance = estimate.covariances[0][3:, 3:] + np.eye(3) * _TRUTH_SIGMA**2
-    return float(np.sqrt(in_body @ np.linalg.solve(covariance, in_body)) / 3.0)
 
 
 def verdict(row: dict[str, Any], clean: dict[str, Any] | None) -> str:

@@ -6,7 +6,8 @@
 
 Each run draws one of the recordings, a moment, whole images or a random part of at least half their
 width and height, full or half size, and all or every second frame. A runaway is a run in which an
-estimate called `tracking` or `still` is more than 0.1 m off.
+estimate called `tracking` or `still` is more than 0.1 m off, an unreported one a run in which more
+than 1 % of these are beyond three sigmas and 30 mm (see `reported_errors`).
 """
 
 import json
@@ -27,6 +28,8 @@ from ruledgraph.evaluation.ground_truth import read_ground_truth
 
 # Of a run, s, and how far off one that is called reliable may be, mm.
 _LENGTH, _RUNAWAY = 8.0, 100.0
+# Of the frames that are called reliable.
+_UNREPORTED_SHARE = 0.01
 
 
 def drawn(sources: Sequence[Case], ends: Sequence[float], runs: int, seed: int) -> list[Case]:
@@ -68,12 +71,16 @@ def report(rows: Sequence[tuple[str, Run]]) -> str:
     found = [run for _, run in rows if run.ate is not None]
     live = np.array([run.ate for run in found])
     delays = np.array([np.inf if run.delay is None else run.delay for _, run in rows])
+    beyond = [run.beyond for run in found if run.beyond is not None]
+    unreported = sum((run.unreported or 0.0) > _UNREPORTED_SHARE for run in found)
     runaways = [(name, run) for name, run in rows if (run.worst_reliable or 0.0) > _RUNAWAY]
     lines = [
         f"{len(rows)} runs, {len(found)} with a trajectory: "
         f"live ATE median {np.median(live):.1f} mm, 90 % up to {np.quantile(live, 0.9):.1f}, "
         f"worst {live.max():.1f}; frames {100 * np.mean([run.frames for _, run in rows]):.0f} %; "
-        f"first pose after {np.median(delays):.2f} s (median); {len(runaways)} runaways",
+        f"first pose after {np.median(delays):.2f} s (median); {len(runaways)} runaways; "
+        f"{unreported} of {len(beyond)} unreported; frames beyond three sigmas "
+        f"{cell(100 * float(np.mean(beyond)) if beyond else None, 1)} %",
     ]
     lines += [
         f"- {name}, from {run.begin:g} s: {cell(run.worst_reliable, 0)} mm off while reliable"

@@ -7,13 +7,14 @@ Sim(3) alignment beside it. The faster of the two is interpolated at the stamps 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from reported_errors import ReportedErrors, TruthSigma, reported_errors, segments_of
 from ruledgraph.calibration import read_calibration
 from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.core.estimates import Estimate
@@ -53,6 +54,10 @@ class Run:
     """RMSE of live positions, Sim(3)-aligned, mm."""
     worst_reliable: float | None = None
     """Largest error of those `tracking` or `still`, SE(3)-aligned among themselves, mm."""
+    beyond: float | None = None
+    """Share of live positions beyond three sigmas, see `reported_errors`."""
+    unreported: float | None = None
+    """Share, of those `tracking` or `still`, beyond three sigmas and 30 mm."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +75,8 @@ class Recorded:
     """Images are made so many times smaller, by the mean of their pixels."""
     crop: tuple[int, int, int, int] | None = None
     """Left, top, width and height of the part of the image that is used, px."""
+    truth_sigma: TruthSigma = field(default_factory=TruthSigma)
+    """How good the ground truth is."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +118,7 @@ def run_from(recorded: Recorded, duration: float | None, begin: float) -> Run:
     truth = read_ground_truth(recorded.truth)
     of_live, of_smoothed = _errors(live, truth), _errors(smoothed, truth)
     of_reliable = _errors([e for e in live if e.status in ("tracking", "still")], truth)
+    of_reports = _reported(live, smoothed, truth, recorded.truth_sigma)
     return Run(
         begin=begin,
         delay=(live[0].stamp - first) * 1e-9 if live else None,
@@ -124,6 +132,8 @@ def run_from(recorded: Recorded, duration: float | None, begin: float) -> Run:
         smoothed=of_smoothed.ate if of_smoothed else None,
         similar=of_live.similar if of_live else None,
         worst_reliable=of_reliable.worst if of_reliable else None,
+        beyond=of_reports.beyond if of_reports else None,
+        unreported=of_reports.unreported if of_reports else None,
     )
 
 
@@ -173,6 +183,15 @@ def _errors(estimates: Sequence[Estimate], truth: GroundTruth) -> _Errors | None
     scale = float(np.cbrt(np.linalg.det(similar.reference_T_estimate[:3, :3])))
     of_shape = similar.errors["ate_translation"].rmse
     return _Errors(1e3 * errors.rmse, 1e3 * errors.max, 1e3 * of_shape, scale)
+
+
+def _reported(
+    live: Sequence[Estimate], smoothed: Sequence[Estimate], truth: GroundTruth, sigma: TruthSigma
+) -> ReportedErrors | None:
+    try:
+        return reported_errors(segments_of(live, smoothed), truth, sigma)
+    except EvaluationError:
+        return None
 
 
 def at_slower_stamps(estimate: Trajectory, truth: GroundTruth) -> tuple[Trajectory, GroundTruth]:

@@ -54,11 +54,13 @@ def test_parts_are_drawn_alike_and_lie_within_image_and_recording(source):
 
 
 def test_a_runaway_is_named():
-    fine = Run(2.0, 1.0, 1.0, 0.9, 0.0, 5.0, 9.0, 1.0, (), 4.0, 5.0, 9.0)
-    far = Run(3.0, 1.0, 1.0, 0.9, 0.0, 80.0, 150.0, 1.0, (), 4.0, 5.0, 120.0)
+    fine = Run(2.0, 1.0, 1.0, 0.9, 0.0, 5.0, 9.0, 1.0, (), 4.0, 5.0, 9.0, 0.01, 0.0)
+    far = Run(3.0, 1.0, 1.0, 0.9, 0.0, 80.0, 150.0, 1.0, (), 4.0, 5.0, 120.0, 0.07, 0.02)
     none = Run(4.0, None, None, 0.0, 0.0, None, None, None, ())
+    plain = Run(2.0, 1.0, 1.0, 0.9, 0.0, 5.0, 9.0, 1.0, ())
     text = report([("a", fine), ("b", far), ("c", none)])
     assert "3 runs, 2 with a trajectory: live ATE median 42.5 mm" in text
-    assert "1 runaways" in text
+    assert "1 runaways; 1 of 2 unreported; frames beyond three sigmas 4.0 %" in text
+    assert "0 of 0 unreported; frames beyond three sigmas - %" in report([("a", plain)])
     assert "- b, from 3 s: 120 mm off while reliable" in text
     assert "- a" not in text
