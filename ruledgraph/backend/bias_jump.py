@@ -116,7 +116,7 @@ def bias_jump(
         interval: the newest one, its state not corrected by it yet.
         seen: lines in it that were estimated without it.
         model: of their points.
-        most: what the ratio may be by chance.
+        most: what the ratio may be by chance; -inf: an innovation has shown that they jumped.
         config: all settings; `start` says what is known of biases before one.
 
     Source: Willsky and Jones, A generalized likelihood ratio approach to the detection and
@@ -136,7 +136,8 @@ def bias_jump(
         return None
     ratio, better = none.cost - jump.cost, int(np.sum(jump.squares < none.squares))
     by_chance = float(bdtrc(better - 1, len(seen), 0.5))
-    return JumpTest(ratio, jump.x[9:], ratio > most and by_chance < 1.0 - needed)
+    jumped = most == -math.inf or (ratio > most and by_chance < 1.0 - needed)
+    return JumpTest(ratio, jump.x[9:], jumped)
 
 
 def _whitened(interval: Interval, seen: Sequence[LineObservation], model: EdgeModel) -> _Lines:

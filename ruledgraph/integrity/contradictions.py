@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Whether images and IMU contradict each other, and whether lines fit their points."""
 
+import math
 from collections.abc import Sequence
 
 from ruledgraph.backend.sliding_window import Window
@@ -18,7 +19,8 @@ class ImuCheck:
     def __init__(self, warnings: Messages, config: IntegrityConfig) -> None:
         self._warnings = warnings
         self._confidence = config.confidence
-        self._unlikely = False
+        self.unlikely_since: float | None = None
+        """Where the newest innovation is larger than noise, when its prediction began, s."""
         self.contradicts = False
         """Whether images and IMU contradict each other."""
 
@@ -34,10 +36,11 @@ class ImuCheck:
         """
         before = self.contradicts
         if innovation is not None:
-            self._unlikely = variance_factor.is_unlikely(innovation, time, self._confidence)
+            unlikely = variance_factor.is_unlikely(innovation, time, self._confidence)
+            self.unlikely_since = innovation.since if unlikely else None
         elif jumped:
-            self._unlikely = False
-        self.contradicts = jumped or self._unlikely
+            self.unlikely_since = None
+        self.contradicts = jumped or self.unlikely_since is not None
         if self.contradicts and not before:
             self._warnings.append(
                 f"images and IMU disagree since {time:.2f} s: check time offset, extrinsics, the "
@@ -53,6 +56,8 @@ class LineCheck:
         self._config = config
         self._misfit = 0.0
         self._misfit_since: float | None = None
+        self.agree_since = -math.inf
+        """Time of the last state at which too many did not fit for a disagreement to be over, s."""
         self.lost = False
         """Whether half of the lines do not fit the estimate, or too many have not for long."""
 
@@ -72,6 +77,8 @@ class LineCheck:
         misfit = misfit_share(window, limits)
         if misfit is not None:
             self._misfit = misfit
+            if not self.agrees:
+                self.agree_since = time
             if misfit > limits.max_misfit and self._misfit_since is None:
                 self._misfit_since = time
                 self._warnings.append(

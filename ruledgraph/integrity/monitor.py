@@ -97,9 +97,16 @@ class IntegrityMonitor:
         """From which likelihood ratio on the IMU's biases jump, see `bias_jump`: an F-test. They do
         not while a start is on trial, where a contradiction speaks against the start, or where many
         lines did not fit before: it speaks against these. The noise is that of the ratios before.
+
+        They do whatever the ratio where the innovation contradicts the IMU, and lines have agreed
+        since its prediction: an interval alone shows little of a slow drift, and once the lines
+        have followed it, nothing.
         """
         if not (confirmed and self.agrees):
             return math.inf
+        since = self._imu.unlikely_since
+        if since is not None and self._lines.agree_since <= since:
+            return -math.inf
         return self._of_jumps.most(JUMP_DOF, self._limits.confidence)
 
     def update(self, window: Window, still: bool) -> None:

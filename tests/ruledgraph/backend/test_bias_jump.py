@@ -208,9 +208,27 @@ def test_a_jump_after_a_state_that_was_not_solved_for_is_found() -> None:
     assert jumped[0] == pytest.approx(ONSET + 0.2, abs=0.01)
 
 
+def test_a_jump_that_an_innovation_has_shown_needs_no_ratio() -> None:
+    """A gyroscope's bias that grows by 0.2 rad/s^2 shows little in each interval."""
+    still = made_of(2, np.zeros(6))
+    samples, felt = still.imu.between(0.0, 1.7), ImuBuffer()
+    for time, w, f in zip(samples.times, samples.gyroscope, samples.accelerometer, strict=True):
+        felt.append(time, w + np.array([0.2 * max(time - ONSET, 0.0), 0.0, 0.0]), f)
+    drifting = replace(still, imu=felt)
+    without, _ = run(drifting, np.inf)
+    window, jumped = run(drifting, -np.inf)
+    assert len(jumped) > 3
+    true = still.motion.pose(window.newest.time)
+    errors = [error_of(one.newest.state.pose(), true) for one in (window, without)]
+    assert errors[0] < 0.5 * errors[1]
+    # Lines tell of the bias before an interval: it is known as of two states ago.
+    bias = 0.2 * (window.newest.time - 0.4 - ONSET)
+    assert window.newest.bias.gyroscope()[0] == pytest.approx(bias, abs=0.03)
+
+
 def test_without_lines_or_a_covariance_there_is_none() -> None:
     window, _ = run(made_of(0, np.zeros(6)), np.inf)
     interval, model = window.intervals[-1], EdgeModel.of(CALIBRATION, Config())
-    assert bias_jump(interval, [], model, 0.0, Config()) is None
+    assert bias_jump(interval, [], model, -np.inf, Config()) is None
     interval.node.covariance = -np.eye(15)
     assert bias_jump(interval, interval.observations, model, 0.0, Config()) is None

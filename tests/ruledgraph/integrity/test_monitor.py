@@ -104,6 +104,18 @@ def test_nothing_jumps_while_a_start_is_on_trial_or_many_lines_do_not_fit():
     assert np.isinf(misfit.jump_limit(confirmed=True))
 
 
+def test_biases_jump_where_the_innovation_contradicts_and_lines_agree():
+    window, monitor, _ = run()
+    window.innovation = Innovation(9e3, 9, window.newest.time - 1.0)
+    monitor.update(window, False)
+    assert monitor.jump_limit(confirmed=True) == -np.inf
+    assert monitor.jump_limit(confirmed=False) == np.inf
+    window.innovation = None
+    window.jump_test = JumpTest(1.0, np.zeros(6), jumped=True)
+    monitor.update(window, False)
+    assert np.isfinite(monitor.jump_limit(confirmed=True))
+
+
 def test_a_jump_is_held_against_the_ratios_before():
     config = Config.model_validate({"integrity": {"variance_memory": 1e4}})
     window, _, _ = run()
