@@ -96,7 +96,7 @@ class FrontEnd:
         return [track.number for track in found]
 
     def observed(self) -> list[LineTrack]:
-        """The tracks as of the last frame."""
+        """The tracks as of the last frame, also those that have ended since what is kept."""
         return self.tracker.observed()
 
     def image_motion(self, since: int, at_rest: float, min_lines: int) -> float:
@@ -104,11 +104,11 @@ class FrontEnd:
         return self.tracker.image_motion(since, at_rest, min_lines)
 
     def mark_lost(self, ids: Collection[int]) -> None:
-        """Follow these tracks no longer."""
+        """Follow these tracks no longer, and forget what they saw."""
         self.tracker.mark_lost(ids)
 
     def drop_lost(self, before: int) -> None:
-        """Forget tracks that are lost, and what was seen before a stamp."""
+        """End the tracks that are lost, and forget what was seen before a stamp."""
         self.tracker.drop_lost()
         self.tracker.forget(before)
 
@@ -119,5 +119,5 @@ class FrontEnd:
 
     def clear(self) -> None:
         """Forget all tracks."""
-        self.tracker.tracks.clear()
+        self.tracker.clear()
         self._detection.forget()

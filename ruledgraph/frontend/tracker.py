@@ -7,6 +7,7 @@ predicted from the gyroscope's rotation and its own motion across itself; once i
 from the estimate.
 """
 
+from collections import deque
 from collections.abc import Collection, Sequence
 
 import numpy as np
@@ -43,6 +44,8 @@ class Tracker:
 
     def __init__(self, camera: CameraModel, edges: EdgesConfig, config: TracksConfig) -> None:
         self.tracks: list[Track] = []
+        """Those that are followed."""
+        self._ended: list[Track] = []
         self._camera = camera
         self._edges = edges = scaled_to(camera, edges)
         self._config = config
@@ -164,33 +167,43 @@ class Tracker:
                 track.mark_lost()
 
     def observed(self) -> list[LineTrack]:
-        """All tracks as of the last frame, as plain values."""
+        """All tracks as of the last frame, as plain values, also those that have ended: what they
+        saw before still counts.
+        """
         return [
             LineTrack(track.number, track.first_time, track.misses == 0, track.sightings)
-            for track in self.tracks
+            for track in (*self.tracks, *self._ended)
         ]
 
     def mark_lost(self, ids: Collection[int]) -> None:
-        """Follow these tracks no longer."""
-        for track in self.tracks:
+        """Follow these tracks no longer, and forget what they saw."""
+        for track in (*self.tracks, *self._ended):
             if track.number in ids:
                 track.mark_lost()
+                track.sightings = deque()
 
     def drop_lost(self) -> None:
-        """Forget the tracks that are lost."""
+        """End the tracks that are lost."""
+        self._ended += [track for track in self.tracks if track.lost]
         self.tracks = [track for track in self.tracks if not track.lost]
+
+    def clear(self) -> None:
+        """Forget all tracks."""
+        self.tracks.clear()
+        self._ended.clear()
 
     def retime(self, change: float) -> None:
         """The times of all frames were corrected by so much, s."""
         self._time += change
-        for track in self.tracks:
+        for track in (*self.tracks, *self._ended):
             track.first_time, track.last_seen = track.first_time + change, track.last_seen + change
 
     def forget(self, before: int) -> None:
-        """Drop sightings in frames before a stamp."""
-        for track in self.tracks:
+        """Drop sightings in frames before a stamp, and ended tracks without others."""
+        for track in (*self.tracks, *self._ended):
             while track.sightings and track.sightings[0].stamp < before:
                 track.sightings.popleft()
+        self._ended = [track for track in self._ended if track.sightings]
 
     def drop_duplicates(self) -> None:
         """Of tracks that have come to follow the same line forget all but the oldest."""

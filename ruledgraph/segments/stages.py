@@ -37,7 +37,7 @@ class Stages(NamedTuple):
         return cls(sensors, front_end, rest, clock, mounting, output)
 
     def forget(self, before: float) -> None:
-        """Drop lost tracks, and what was measured before a time, s."""
+        """End lost tracks, and drop what was measured before a time, s."""
         self.sensors.frames.forget(before)
         self.sensors.imu.forget(before)
         if self.sensors.frames:

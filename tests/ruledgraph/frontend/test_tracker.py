@@ -172,6 +172,46 @@ def test_a_line_that_is_not_there_is_missed_until_it_is_lost():
     assert tracker.tracks == [level]
 
 
+def test_what_a_lost_line_saw_is_kept_until_it_is_forgotten():
+    tracker = Tracker(CAMERA, EdgesConfig(), TracksConfig())
+    assert started(tracker, scene(LEVEL, STEEP), LEVEL, STEEP) == [1, 2]
+    tracker.track(1, 0.05, scene(LEVEL, STEEP), where_they_are(tracker))
+    tracker.tracks[1].mark_lost()
+    tracker.drop_lost()
+    level, steep = tracker.observed()
+    assert (level.id, steep.id) == (1, 2)
+    assert (level.in_view, steep.in_view) == (True, False)
+    assert [sighting.stamp for sighting in steep.sightings] == [0, 1]
+    tracker.retime(0.5)
+    assert tracker.observed()[1].first_time == pytest.approx(steep.first_time + 0.5)
+    tracker.forget(1)
+    assert [sighting.stamp for sighting in tracker.observed()[1].sightings] == [1]
+    tracker.forget(2)
+    assert [track.id for track in tracker.observed()] == [1]
+
+
+def test_what_a_rejected_line_saw_is_forgotten():
+    """Whether it has ended or not."""
+    tracker = Tracker(CAMERA, EdgesConfig(), TracksConfig())
+    assert started(tracker, scene(LEVEL, STEEP), LEVEL, STEEP) == [1, 2]
+    tracker.tracks[1].mark_lost()
+    tracker.drop_lost()
+    tracker.mark_lost({1, 2})
+    assert [list(track.sightings) for track in tracker.observed()] == [[], []]
+    tracker.drop_lost()
+    tracker.forget(0)
+    assert tracker.observed() == []
+
+
+def test_when_all_is_forgotten_so_are_ended_lines():
+    tracker = Tracker(CAMERA, EdgesConfig(), TracksConfig())
+    assert started(tracker, scene(LEVEL, STEEP), LEVEL, STEEP) == [1, 2]
+    tracker.tracks[1].mark_lost()
+    tracker.drop_lost()
+    tracker.clear()
+    assert tracker.observed() == []
+
+
 def test_a_line_out_of_view_is_lost_at_once():
     tracker = Tracker(CAMERA, EdgesConfig(), TracksConfig())
     assert started(tracker, scene(LEVEL, STEEP), LEVEL, STEEP) == [1, 2]
