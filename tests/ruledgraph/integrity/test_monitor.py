@@ -202,6 +202,19 @@ def test_lines_that_do_not_fit_are_reported(misfits, disagree, lost):
     assert not disagree or "of the lines do not fit the estimate" in warnings[0]
 
 
+@pytest.mark.parametrize(("since", "jumps"), [(-0.1, False), (0.1, True)])
+def test_innovations_that_began_before_the_lines_fitted_make_no_jump(since, jumps):
+    """They may be of the lines that did not fit."""
+    window, monitor, _ = compared(misfits=3)
+    window.innovation = Innovation(9e3, 9, window.newest.time + since)
+    window.newest.time += 1.0
+    for interval in window.intervals:
+        interval.misfits = 0
+    monitor.update(window, False)
+    assert (monitor.jump_limit(confirmed=True) == -np.inf) == jumps
+    assert jumps or np.isfinite(monitor.jump_limit(confirmed=True))
+
+
 def test_lines_that_do_not_fit_for_long_are_those_of_a_lost_estimate():
     window, monitor, warnings = compared(misfits=4)
     window.newest.time += 1.0
