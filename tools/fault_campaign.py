@@ -38,18 +38,15 @@ import click
 
 import fault_scenes
 from fault_cases import CLEAN, Case, cases, lift_cases, other_camera_case
-from reported_errors import reported_errors, segments_of
+from reported_errors import UNREPORTED_SHARE, reported_errors, segments_of, trajectory_of
 from ruledgraph.app.batch.cluster import in_parallel
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Gap, Measurement
-from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import accuracy
 from ruledgraph.odometry import Odometry
 from ruledgraph.recording import Report
 from ruledgraph.recording.inertial import mark_gaps
 
-# Of the frames that are called tracking or still.
-_UNREPORTED_SHARE = 0.01
 # What may be beyond three sigmas of a Gaussian in three dimensions, and more.
 _BEYOND_SHARE = 0.05
 # Where saturated sensors end on the recordings that get all faults, rad/s and m/s^2.
@@ -91,15 +88,11 @@ def run(case: Case, source: fault_scenes.Source) -> dict[str, Any]:
     segments = segments_of(live, smoothed)
     if not segments:
         return row
-    found = accuracy(_trajectory(live), truth)
+    found = accuracy(trajectory_of(live), truth)
     row |= {"ate": 1e3 * found.ate_rmse, "path": found.path_length}
     errors = reported_errors(segments, truth)
     row |= {"worst": errors.worst, "3s": errors.three_sigma}
     return row | {"beyond": errors.beyond, "unreported": errors.unreported}
-
-
-def _trajectory(estimates: Sequence[Estimate]) -> Trajectory:
-    return Trajectory.from_poses([e.stamp for e in estimates], [e.world_T_body for e in estimates])
 
 
 def _kind(warning: str) -> str:
@@ -115,7 +108,7 @@ def verdict(row: dict[str, Any], clean: dict[str, Any] | None) -> str:
         return str(row["failure"])
     if "ate" not in row:
         return "none" if row["warnings"] else "NONE, NOT REPORTED"
-    if row["unreported"] > _UNREPORTED_SHARE:
+    if row["unreported"] > UNREPORTED_SHARE:
         return "UNREPORTED"
     best = clean["ate"] if clean and "ate" in clean else 0.0
     if row["ate"] <= 3.0 * best + 10.0:

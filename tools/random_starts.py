@@ -21,6 +21,7 @@ import numpy as np
 
 from benchmark_recordings import Case, cases
 from recorded_runs import Run, cell, run_from
+from reported_errors import UNREPORTED_SHARE
 from ruledgraph.app.batch.cluster import in_parallel
 from ruledgraph.calibration import read_calibration
 from ruledgraph.core.errors import RuledgraphError
@@ -28,8 +29,6 @@ from ruledgraph.evaluation.ground_truth import read_ground_truth
 
 # Of a run, s, and how far off one that is called reliable may be, mm.
 _LENGTH, _RUNAWAY = 8.0, 100.0
-# Of the frames that are called reliable.
-_UNREPORTED_SHARE = 0.01
 
 
 def drawn(sources: Sequence[Case], ends: Sequence[float], runs: int, seed: int) -> list[Case]:
@@ -72,7 +71,7 @@ def report(rows: Sequence[tuple[str, Run]]) -> str:
     live = np.array([run.ate for run in found])
     delays = np.array([np.inf if run.delay is None else run.delay for _, run in rows])
     beyond = [run.beyond for run in found if run.beyond is not None]
-    unreported = sum((run.unreported or 0.0) > _UNREPORTED_SHARE for run in found)
+    unreported = sum((run.unreported or 0.0) > UNREPORTED_SHARE for run in found)
     runaways = [(name, run) for name, run in rows if (run.worst_reliable or 0.0) > _RUNAWAY]
     lines = [
         f"{len(rows)} runs, {len(found)} with a trajectory: "

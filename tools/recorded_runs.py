@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from reported_errors import ReportedErrors, TruthSigma, reported_errors, segments_of
+from reported_errors import ReportedErrors, TruthSigma, reported_errors, segments_of, trajectory_of
 from ruledgraph.calibration import read_calibration
 from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.core.estimates import Estimate
@@ -170,9 +170,7 @@ def changed(frame: Frame, recorded: Recorded) -> Frame:
 def _errors(estimates: Sequence[Estimate], truth: GroundTruth) -> _Errors | None:
     if not estimates:
         return None
-    estimate = Trajectory.from_poses(
-        [e.stamp for e in estimates], [e.world_T_body for e in estimates]
-    )
+    estimate = trajectory_of(estimates)
     try:
         estimate, truth = at_slower_stamps(estimate, truth)
         rigid = compare(estimate, truth, lengths=())

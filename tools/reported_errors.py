@@ -20,6 +20,8 @@ from ruledgraph.evaluation import EvaluationError, matched
 from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.integrity.gauge import heading
 
+UNREPORTED_SHARE = 0.01
+"""A run is unreported where it has more of them, see `ReportedErrors.unreported`."""
 # Errors below this (m) are not held against an estimate, whatever its covariance.
 _UNREPORTED_ERROR = 0.03
 # Fewest poses of a segment that is judged, and how much of it says where it began, s.
@@ -84,7 +86,7 @@ def reported_errors(
         judged = _near_samples(segment.live, truth)
         if len(judged) < _FEWEST:
             continue
-        kept, true = matched(_trajectory(judged), truth)
+        kept, true = matched(trajectory_of(judged), truth)
         by_stamp = {estimate.stamp: estimate for estimate in judged}
         places = [world_T_true.transformFrom(place) for place in true.positions]
         for stamp, place in zip(kept.stamps.tolist(), places, strict=True):
@@ -104,7 +106,8 @@ def reported_errors(
     )
 
 
-def _trajectory(estimates: Sequence[Estimate]) -> Trajectory:
+def trajectory_of(estimates: Sequence[Estimate]) -> Trajectory:
+    """Poses with their stamps."""
     return Trajectory.from_poses([e.stamp for e in estimates], [e.world_T_body for e in estimates])
 
 
@@ -125,7 +128,7 @@ def _beginning(segment: Segment, truth: GroundTruth) -> gtsam.Pose3:
     first = segment.smoothed[0].stamp
     start = [e for e in segment.smoothed if e.stamp <= first + _BEGINNING * 1e9]
     start = start if len(start) >= _FEWEST else segment.smoothed[:_FEWEST]
-    ours, true = matched(_trajectory(start), truth)
+    ours, true = matched(trajectory_of(start), truth)
     if true.quaternions is None:
         raise EvaluationError("ground truth without orientations")
     turn = heading(*(Rotation.from_quat(t.quaternions).as_matrix() for t in (ours, true)))
