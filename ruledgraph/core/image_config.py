@@ -17,7 +17,8 @@ class EdgesConfig(Section):
     gate: float = number(3.0, "px", 0.5, 50.0)
     """The paper's tau: how far from its predicted ruling a Sobel pixel may lie."""
     max_lines: int = number(60, "", 2, 200)
-    """Lines followed at a time: more than most images hold, so that none is left out."""
+    """Lines followed at a time, which bounds the time that takes: more than most images hold. Those
+    with nets or gravel hold more, of which the longest are followed."""
     min_length: float = number(20.0, "px", 10.0, 1e4)
     """Shortest segment that starts a line: as short as a track may become."""
     sigma_px: float = number(1.0, "px", 0.01, 20.0)
