@@ -8,9 +8,28 @@ not pass through it move. With a line l, |l_xy| = 1, in normalised coordinates, 
 the line across itself by about |l . e| times a factor that depends on its depth.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from ruledgraph.core.arrays import FloatArray
+from ruledgraph.frontend.edge_search import normal_of
+from ruledgraph.frontend.track import Track
+
+
+def moved_since(tracks: Iterable[Track], since: int) -> tuple[FloatArray, FloatArray]:
+    """Image lines (N, 3) in a frame, of the tracks seen in it, as `image_motion` takes them, and
+    how far each has moved across itself since, (N,), normalised coordinates.
+    """
+    lines, moved = [], []
+    for track in tracks:
+        then = next((s for s in reversed(track.sightings) if s.stamp <= since), None)
+        if then is not None and then.stamp == since:
+            old, new = then.points, track.sightings[-1].points
+            normal = normal_of(old[[0, -1]])
+            moved.append(abs(float((new.mean(axis=0) - old.mean(axis=0)) @ normal)))
+            lines.append([*normal, -float(normal @ old.mean(axis=0))])
+    return np.array(lines), np.array(moved)
 
 
 def image_motion(lines: FloatArray, moved: FloatArray, at_rest: float, fewest: int) -> float:

@@ -18,10 +18,10 @@ from ruledgraph.core.config import EdgesConfig, TracksConfig
 from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph.frontend.duplicates import duplicates, first_of_duplicates
 from ruledgraph.frontend.edge_batch import Edges, Rulings, clipped, search_all, stacked
-from ruledgraph.frontend.edge_search import normal_of, scaled_to
+from ruledgraph.frontend.edge_search import scaled_to
 from ruledgraph.frontend.flow_prediction import expect_motion
 from ruledgraph.frontend.gradient import Gradient
-from ruledgraph.frontend.image_motion import image_motion
+from ruledgraph.frontend.image_motion import image_motion, moved_since
 from ruledgraph.frontend.rolling_edges import (
     RowMoves,
     capped_statistics,
@@ -216,18 +216,10 @@ class Tracker:
         """How far lines moved across themselves since a frame, px, see the module `image_motion`;
         inf if fewer than `min_lines` were seen in it and now. `at_rest`: they moved less, px.
         """
-        lines, moved = [], []
-        for track in self.tracks:
-            then = next((s for s in reversed(track.sightings) if s.stamp <= since), None)
-            if then is not None and then.stamp == since and track.misses == 0:
-                old, new = then.points, track.sightings[-1].points
-                normal = normal_of(old[[0, -1]])
-                moved.append(abs(float((new.mean(axis=0) - old.mean(axis=0)) @ normal)))
-                lines.append([*normal, -float(normal @ old.mean(axis=0))])
+        lines, moved = moved_since([track for track in self.tracks if track.misses == 0], since)
         if len(moved) < max(min_lines, 1):
             return np.inf
-        in_px = np.array(moved) * self._camera.focal_length
-        return image_motion(np.array(lines), in_px, at_rest, min_lines)
+        return image_motion(lines, moved * self._camera.focal_length, at_rest, min_lines)
 
     def start_new(
         self,

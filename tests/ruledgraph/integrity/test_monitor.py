@@ -10,14 +10,12 @@ from scipy.stats import norm, t
 from ideal_tracks import CALIBRATION, MANY, ideal_tracks, start_of
 from ruledgraph.backend.bias_jump import JumpTest
 from ruledgraph.backend.sliding_window import Window
-from ruledgraph.core.config import Config, IntegrityConfig
+from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Innovation
 from ruledgraph.core.timing import Messages
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.integrity.contradictions import ImuCheck
 from ruledgraph.integrity.gauge import GaugeUncertainty
 from ruledgraph.integrity.monitor import IntegrityMonitor
-from ruledgraph.integrity.variance_factor import VarianceFactor
 from simulated_window import BODY_T_CAM, hand_held
 
 
@@ -69,31 +67,6 @@ def test_stamps_that_are_off_are_reported():
     _, monitor, warnings = run(late=0.03)
     assert monitor.disagree
     assert "time offset or extrinsics may be wrong" in warnings[0]
-
-
-def test_what_disagrees_is_said_once_and_lasts_until_an_innovation_says_otherwise():
-    warnings, config = Messages(), IntegrityConfig()
-    check, factor = ImuCheck(warnings, config), VarianceFactor(config)
-    far, near = Innovation(9e3, 9, -2.0), Innovation(9.0, 9, 1.5)
-    for time, innovation in ((1.0, far), (2.0, None), (3.0, far)):
-        check.update(innovation, time, factor, False)
-        assert check.contradicts
-    assert list(warnings) == [warnings[0]]
-    assert "since 1.00 s" in warnings[0]
-    check.update(near, 4.0, factor, False)
-    assert not check.contradicts
-
-
-@pytest.mark.parametrize("before", [Innovation(9e3, 9, -2.0), None])
-def test_biases_that_jump_are_a_contradiction_that_is_solved(before):
-    warnings, config = Messages(), IntegrityConfig()
-    check, factor = ImuCheck(warnings, config), VarianceFactor(config)
-    check.update(before, 1.0, factor, False)
-    check.update(None, 2.0, factor, True)
-    assert check.contradicts
-    assert len(warnings) == 1
-    check.update(None, 3.0, factor, False)
-    assert not check.contradicts
 
 
 def test_nothing_jumps_while_a_start_is_on_trial_or_many_lines_do_not_fit():
