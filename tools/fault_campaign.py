@@ -89,10 +89,15 @@ def run(case: Case, source: fault_scenes.Source) -> dict[str, Any]:
     if not segments:
         return row
     found = accuracy(trajectory_of(live), truth)
-    row |= {"ate": 1e3 * found.ate_rmse, "path": found.path_length}
     errors = reported_errors(segments, truth)
-    row |= {"worst": errors.worst, "3s": errors.three_sigma}
-    return row | {"beyond": errors.beyond, "unreported": errors.unreported}
+    return row | {
+        "ate": 1e3 * found.ate_rmse,
+        "path": found.path_length,
+        "worst": errors.worst,
+        "3s": errors.three_sigma,
+        "beyond": errors.beyond,
+        "unreported": errors.unreported,
+    }
 
 
 def _kind(warning: str) -> str:

@@ -92,11 +92,12 @@ class LineMap:
         """The lines of the graph, by their ids, with what was seen in an interval that is not in it
         yet.
         """
-        lines = [(self.lines.get(track.id), interval.seen(track.sightings)) for track in tracks]
+        known = [track for track in tracks if track.id in self.lines]
+        sightings = {track.id: interval.seen(track.sightings) for track in known}
         return {
-            line.id: observation(interval, line, *seen, self.model)
-            for line, seen in lines
-            if line is not None and seen[0]
+            id_: observation(interval, self.lines[id_], *seen, self.model)
+            for id_, seen in sightings.items()
+            if seen[0]
         }
 
     def _usual_distance(self) -> float:

@@ -34,8 +34,8 @@ class Predicted(NamedTuple):
 class FrontEnd:
     """Follows lines from frame to frame and starts new ones.
 
-    For each frame call `start_tracks`, then `process`, then, when all who may mark tracks as lost
-    have done so, `drop_lost`.
+    For each frame call `start_tracks`, then `process`, then, when all who may `reject` tracks have
+    done so, `drop_lost`.
     """
 
     def __init__(
@@ -96,16 +96,16 @@ class FrontEnd:
         return [track.number for track in found]
 
     def observed(self) -> list[LineTrack]:
-        """The tracks as of the last frame, also those that have ended since what is kept."""
+        """The tracks as of the last frame, also those that have ended; see `drop_lost`."""
         return self.tracker.observed()
 
     def image_motion(self, since: int, at_rest: float, min_lines: int) -> float:
         """See `Tracker.image_motion`."""
         return self.tracker.image_motion(since, at_rest, min_lines)
 
-    def mark_lost(self, ids: Collection[int]) -> None:
+    def reject(self, ids: Collection[int]) -> None:
         """Follow these tracks no longer, and forget what they saw."""
-        self.tracker.mark_lost(ids)
+        self.tracker.reject(ids)
 
     def drop_lost(self, before: int) -> None:
         """End the tracks that are lost, and forget what was seen before a stamp."""

@@ -45,7 +45,7 @@ class Tracker:
     def __init__(self, camera: CameraModel, edges: EdgesConfig, config: TracksConfig) -> None:
         self.tracks: list[Track] = []
         """Those that are followed."""
-        self._ended: list[Track] = []
+        self._ended: list[Track] = []  # lost, with sightings that are not forgotten yet
         self._camera = camera
         self._edges = edges = scaled_to(camera, edges)
         self._config = config
@@ -175,7 +175,7 @@ class Tracker:
             for track in (*self.tracks, *self._ended)
         ]
 
-    def mark_lost(self, ids: Collection[int]) -> None:
+    def reject(self, ids: Collection[int]) -> None:
         """Follow these tracks no longer, and forget what they saw."""
         for track in (*self.tracks, *self._ended):
             if track.number in ids:

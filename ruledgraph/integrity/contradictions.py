@@ -57,7 +57,7 @@ class LineCheck:
         self._misfit = 0.0
         self._misfit_since: float | None = None
         self.agree_since = -math.inf
-        """Time of the last state at which too many did not fit for a disagreement to be over, s."""
+        """Time of the last state at which they did not, see `agrees`, s."""
         self.lost = False
         """Whether half of the lines do not fit the estimate, or too many have not for long."""
 

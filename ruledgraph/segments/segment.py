@@ -148,13 +148,13 @@ class TrajectorySegment:
         tracks = front_end.observed() if observe_lines else []
         correction, limit = sensors.offset_correction, self.monitor.jump_limit(self.confirmed)
         self.window.extend(stamps, times, sensors.imu, tracks, still, correction, limit)
-        front_end.mark_lost(self.window.line_map.take_rejected())
+        front_end.reject(self.window.line_map.take_rejected())
 
     def _optimize(self) -> None:
         window, clock = self.window, self._stages.clock
         self._reporter.smoothed(window, window.optimize(), clock.offset)
         self._reporter.lines(window.line_map.take_retired())
-        self._stages.front_end.mark_lost(window.line_map.take_rejected())
+        self._stages.front_end.reject(window.line_map.take_rejected())
         self.monitor.update(window, self._still)
         self._propagator.reset()
         self.state = window.newest.state

@@ -209,7 +209,7 @@ def test_a_jump_after_a_state_that_was_not_solved_for_is_found() -> None:
 
 
 def test_a_jump_that_an_innovation_has_shown_needs_no_ratio() -> None:
-    """A gyroscope's bias that grows by 0.2 rad/s^2 shows little in each interval."""
+    """Of a gyroscope's bias that grows by 0.2 rad/s^2 the ratio shows too little at some states."""
     still = made_of(2, np.zeros(6))
     samples, felt = still.imu.between(0.0, 1.7), ImuBuffer()
     for time, w, f in zip(samples.times, samples.gyroscope, samples.accelerometer, strict=True):
@@ -217,7 +217,7 @@ def test_a_jump_that_an_innovation_has_shown_needs_no_ratio() -> None:
     drifting = replace(still, imu=felt)
     without, _ = run(drifting, np.inf)
     window, jumped = run(drifting, -np.inf)
-    assert len(jumped) > 3
+    assert len(jumped) > len(run(drifting, LIMIT)[1]) > 0
     true = still.motion.pose(window.newest.time)
     errors = [error_of(one.newest.state.pose(), true) for one in (window, without)]
     assert errors[0] < 0.5 * errors[1]

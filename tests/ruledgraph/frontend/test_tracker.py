@@ -196,7 +196,7 @@ def test_what_a_rejected_line_saw_is_forgotten():
     assert started(tracker, scene(LEVEL, STEEP), LEVEL, STEEP) == [1, 2]
     tracker.tracks[1].mark_lost()
     tracker.drop_lost()
-    tracker.mark_lost({1, 2})
+    tracker.reject({1, 2})
     assert [list(track.sightings) for track in tracker.observed()] == [[], []]
     tracker.drop_lost()
     tracker.forget(0)
