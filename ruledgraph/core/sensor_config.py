@@ -108,7 +108,10 @@ class ImuConfig(Section):
     range_span: float = number(0.3, "s", 0.01, 60.0)
     """... within so long ..."""
     range_steps: float = number(20.0, "", 1.0, 1e4)
-    """... if it came from further off than so many of its smallest steps."""
+    """... if it came from further off than so many of its steps ..."""
+    range_share: float = number(0.9, "", 0.0, 1.0)
+    """... and if that is no less than this share of what any axis of the sensor has read: they have
+    one range, but for their scale factors and biases."""
     range_open_share: float = number(0.5, "", 0.0, 10.0)
     """Standard deviation of a clipped reading, as a share of the range's end."""
     range_join_time: float = number(0.03, "s", 0.0, 1.0)

@@ -15,6 +15,10 @@ from numpy.typing import NDArray
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import DEFAULTS, ImuConfig
 
+# A sensor's step is the first decile of so many changes, some seconds of them: where readings were
+# interpolated at stamps in between, the least change is much smaller.
+_CHANGES, _OF_STEPS = 1000, 0.1
+
 
 class Reading(NamedTuple):
     """A sample as it is used."""
@@ -99,7 +103,10 @@ class UnreliableInterval(NamedTuple):
 
 
 class RangeWatch:
-    """Finds where the axes of a sensor end, by readings that stay there, and when they do."""
+    """Finds where the axes of a sensor end, by readings that stay there, and when they do.
+
+    The axes of one sensor have one range: none ends where another one went well beyond.
+    """
 
     def __init__(self, config: ImuConfig = DEFAULTS.imu) -> None:
         self._config = config
@@ -109,7 +116,7 @@ class RangeWatch:
         self._farthest = np.full(12, -np.inf)
         self._is_end = np.zeros(12, dtype=bool)
         self._touches: list[deque[float]] = [deque() for _ in range(12)]
-        self._steps = np.full(6, np.inf)
+        self._changes: list[deque[float]] = [deque(maxlen=_CHANGES) for _ in range(6)]
         self._recent: deque[tuple[float, FloatArray]] = deque()
 
     def add(self, time: float, value: FloatArray) -> str:
@@ -123,7 +130,8 @@ class RangeWatch:
         if self._recent:
             before = self._recent[-1][1]
             change = np.abs(both[:6] - before[:6])
-            self._steps = np.where(change > 0.0, np.minimum(change, self._steps), self._steps)
+            for axis in change.nonzero()[0].tolist():
+                self._changes[axis].append(change[axis])
             for i in (both >= self._farthest).nonzero()[0].tolist():
                 if both[i] > self._farthest[i]:
                     self._farthest[i] = both[i]
@@ -133,7 +141,7 @@ class RangeWatch:
                     self._is_end[i] = True
                     found.append(_described(i, self._farthest[i]))
                     self._mark(i, self._touches[i][0], time)
-                elif self._is_end[i]:
+                elif self._is_end[i] and self._may_end(i):
                     self._mark(i, self._recent[-1][0], time)
         self._recent.append((time, both))
         while self._recent[0][0] < time - 2.0 * self._config.range_span:
@@ -149,14 +157,22 @@ class RangeWatch:
         touches.append(time)
         while touches[0] < time - self._config.range_span:
             touches.popleft()
-        if len(touches) < self._config.range_touches:
+        enough = len(touches) >= self._config.range_touches and self._changes[i % 6]
+        if not (enough and self._may_end(i)):
             return False
         # A parabola whose top stays within one step for so long was three steps lower half as
         # long before.
         since = touches[0] - 0.5 * (time - touches[0])
         earlier = [both[i] for t, both in self._recent if since <= t < touches[0]]
         drop = self._farthest[i] - min(earlier, default=np.inf)
-        return bool(drop > self._config.range_steps * self._steps[i % 6])
+        step = float(np.quantile(self._changes[i % 6], _OF_STEPS))
+        return bool(drop > self._config.range_steps * step)
+
+    def _may_end(self, i: int) -> bool:
+        """Whether no axis of the sensor went well beyond."""
+        sensor = i % 6 // 3 * 3
+        of_sensor = self._farthest.reshape(2, 6)[:, sensor : sensor + 3]
+        return bool(self._farthest[i] >= self._config.range_share * of_sensor.max())
 
     def _mark(self, i: int, start: float, stop: float) -> None:
         sigmas = np.zeros(6)

@@ -61,6 +61,10 @@ ALLOWED = {
     "frontend/tracker.py": {"_UNBOUNDED": "stands for infinity: beyond any image"},
     "integrity/variance_factor.py": {"_SIGMAS": "the bounds that errors are held against"},
     "imu/buffer.py": {"_REPEATS_KEPT": MEMORY},
+    "imu/faults.py": {
+        "_CHANGES": MEMORY,
+        "_OF_STEPS": "definition: the first decile, below which interpolated readings are left out",
+    },
     "imu/image_input.py": dict.fromkeys(
         ("_MANY_CLOSE", "_CLOSE"), "tells a wrong unit from stamps that scatter"
     ),

@@ -161,6 +161,32 @@ def test_a_slow_turn_back_has_no_end():
     assert watched(times, quantised(values))[1] == []
 
 
+def interpolated(times: np.ndarray, values: np.ndarray, each: int):
+    """With a reading on the line between two after each so many, rounded to six digits."""
+    rng = np.random.default_rng(0)
+    after = np.arange(each, len(times) - 1, each)
+    share = rng.uniform(size=len(after))
+    between = times[after] + share * (times[after + 1] - times[after])
+    line = values[after] + share[:, None] * (values[after + 1] - values[after])
+    all_times = np.insert(times, after + 1, between)
+    return all_times, np.insert(values, after + 1, line.round(6), axis=0)
+
+
+def test_a_coarse_sensor_interpolated_in_between_has_no_end():
+    """Turned slowly it stays at the top's step of 0.1 deg/s; between two it changes by less."""
+    for seed in range(20):
+        times, values = hand_held(seed)
+        values[:, :3] *= 0.3
+        coarse = quantised(values, np.repeat([0.001745, 0.008], 3))
+        assert watched(*interpolated(times, coarse, each=8))[1] == []
+
+
+def test_no_axis_ends_where_another_one_went_beyond():
+    times, values = hand_held()
+    values[:, 0] = np.clip(values[:, 0], -0.1, 0.1)
+    assert watched(times, values)[1] == []
+
+
 def test_readings_handed_out_again_have_no_end():
     """An accelerometer of 50 Hz whose last reading comes with each of the gyroscope's."""
     times, values = hand_held()
@@ -170,9 +196,9 @@ def test_readings_handed_out_again_have_no_end():
 
 def test_what_goes_beyond_was_no_end():
     times, values = hand_held(seconds=2.0)
-    values[:, 0] = np.clip(values[:, 0], -1.0, 0.3)
+    values[:, :3] = np.clip(values[:, :3], -0.3, 0.3)
     watch, news = watched(times, values)
-    assert len(news) == 1
+    assert news
     after = watch.unreliable[-1].stop
     later, beyond = hand_held(seed=1)
     for time, value in zip((later + 2.0).tolist(), beyond, strict=True):
@@ -180,9 +206,22 @@ def test_what_goes_beyond_was_no_end():
     assert watch.unreliable[-1].stop == after
 
 
+def test_where_another_axis_went_beyond_was_no_end():
+    times, values = hand_held(seconds=2.0)
+    values[:, :3] = np.clip(values[:, :3], -0.3, 0.3)
+    watch, _ = watched(times, values)
+    before = list(watch.unreliable)
+    later, beyond = hand_held(seed=1)
+    beyond[:, 0] = np.clip(beyond[:, 0], -0.3, 0.3)
+    beyond[0, 1] = 0.6
+    for time, value in zip((later + 2.0).tolist(), beyond, strict=True):
+        watch.add(time, value)
+    assert watch.unreliable == before
+
+
 def test_unreliable_are_forgotten():
     times, values = hand_held()
-    values[:, 0] = np.clip(values[:, 0], -0.3, 0.3)
+    values[:, :3] = np.clip(values[:, :3], -0.3, 0.3)
     watch, _ = watched(times, values)
     half = watch.unreliable[len(watch.unreliable) // 2]
     watch.forget(half.stop)
