@@ -50,16 +50,22 @@ class IntegrityMonitor:
         gauge_uncertainty: of the segment's position and heading at its start.
         warnings: messages for the user.
         config: all settings.
+        on_trial: whether the start is not accepted yet.
     """
 
     def __init__(
-        self, gauge_uncertainty: GaugeUncertainty, warnings: Messages, config: Config
+        self,
+        gauge_uncertainty: GaugeUncertainty,
+        warnings: Messages,
+        config: Config,
+        on_trial: bool = False,
     ) -> None:
         self._limits = config.integrity
         self._start_gauge = self._base_gauge = gauge_uncertainty
         self._imu = ImuCheck(warnings, config.integrity)
         self._lines = LineCheck(warnings, config.integrity)
-        self._variance = VarianceFactor(config.integrity)
+        self._on_trial = on_trial
+        self._variance = VarianceFactor(config.integrity, math.inf if on_trial else -math.inf)
         # By the ratios of `bias_jump` where nothing jumped, which count as innovations.
         self._of_jumps = VarianceFactor(config.integrity)
         self._parallel = ParallelLines(config.integrity)
@@ -67,6 +73,10 @@ class IntegrityMonitor:
         self._inflation = _Inflation(1.0, np.zeros((3, 3)), np.zeros((3, 3)))
         # The gauge uncertainty with all that applies at the newest state.
         self._gauge = gauge_uncertainty
+
+    def confirm(self, time: float) -> None:
+        """The start, on trial before, is accepted at a time, s; see `VarianceFactor`."""
+        self._on_trial, self._variance.counts_from = False, time
 
     @property
     def disagree(self) -> bool:
@@ -93,7 +103,8 @@ class IntegrityMonitor:
         """Whether all lines have been parallel for long."""
         return self._parallel.for_long
 
-    def jump_limit(self, confirmed: bool) -> float:
+    @property
+    def jump_limit(self) -> float:
         """From which likelihood ratio on the IMU's biases jump, see `bias_jump`: an F-test. They do
         not while a start is on trial, where a contradiction speaks against the start, or where many
         lines did not fit before: it speaks against these. The noise is that of the ratios before.
@@ -102,7 +113,7 @@ class IntegrityMonitor:
         since its prediction: an interval alone shows little of a slow drift, and once the lines
         have followed it, nothing.
         """
-        if not (confirmed and self.agrees):
+        if self._on_trial or not self.agrees:
             return math.inf
         since = self._imu.unlikely_since
         if since is not None and self._lines.agree_since <= since:

@@ -35,6 +35,9 @@ class _Told(NamedTuple):
         return dof * expected * float(fdtri(dof, known, confidence))
 
 
+_NOTHING = _Told(0.0, 0.0, 0.0)
+
+
 class VarianceFactor:
     """The factor s^2 of all variances, of IMU and edges alike: the variance of unit weight.
 
@@ -50,20 +53,24 @@ class VarianceFactor:
 
     Innovations of states whose predictions began while another one's went on share its errors: the
     newest one counts, the one that ended when the newest one's prediction began, and so on, which
-    are independent, the older the less.
+    are independent, the older the less. Those predicted from states of a start on trial tell what
+    the start is worth, not what noise there is: they count while they are the newest.
 
     Source: Gelman et al., Bayesian Data Analysis (3rd edition, 2013), 3.2; Mikhail and Ackermann,
     Observations and Least Squares (1976), a posteriori variance factor.
 
     Args:
         config: `variance_prior` and `variance_memory`.
+        counts_from: when a start was accepted, s.
     """
 
-    def __init__(self, config: IntegrityConfig) -> None:
+    def __init__(self, config: IntegrityConfig, counts_from: float = -math.inf) -> None:
         self._prior = config.variance_prior
         self._memory = config.variance_memory
         self._told: deque[_Told] = deque()
-        self._newest = _Told(0.0, 0.0, 0.0)
+        self._newest = _NOTHING
+        self.counts_from = counts_from
+        """Innovations whose predictions began before count while they are the newest, s."""
 
     @property
     def estimate(self) -> float:
@@ -98,11 +105,13 @@ class VarianceFactor:
     def update(self, innovation: Innovation | None, time: float) -> None:
         """Take in the innovation of a state at a time, s."""
         if innovation is None:
-            self._newest = self._newest.faded(time, self._memory)
+            last = self._told[-1] if self._told else _NOTHING
+            self._newest = last.faded(time, self._memory)
             return
         before = self._before(innovation, time)
         self._newest = _Told(time, innovation.nis + before.nis, innovation.dof + before.dof)
-        self._told.append(self._newest)
+        if innovation.since >= self.counts_from:
+            self._told.append(self._newest)
 
     def _before(self, innovation: Innovation, time: float) -> _Told:
         """What was told before the prediction began of which this is, faded until a time, s."""

@@ -51,7 +51,8 @@ class TrajectorySegment:
         """Whether the start is accepted; one in motion is on trial first."""
         correction, extrinsics = stages.sensors.offset_correction, stages.mounting.extrinsics
         self.window = Window(calibration, config, start, correction, extrinsics)
-        self.monitor = IntegrityMonitor(gauge_uncertainty, stages.output.warnings, config)
+        warnings, on_trial = stages.output.warnings, not self.confirmed
+        self.monitor = IntegrityMonitor(gauge_uncertainty, warnings, config, on_trial)
         imu, noise = stages.sensors.imu, calibration.imu_noise
         self._reporter = EstimateReporter(
             stages.output,
@@ -61,7 +62,7 @@ class TrajectorySegment:
             noise,
             calibration.middle_row_delay,
             config.lines,
-            hold=not self.confirmed,
+            hold=on_trial,
         )
         self._propagator = ImuPropagator(imu, noise)
         self.state = self.window.newest.state
@@ -108,9 +109,8 @@ class TrajectorySegment:
 
     def predicted_lines(self, time: float) -> Mapping[int, LinePrediction]:
         """The lines of the graph; none where the IMU was unreliable."""
-        if self._is_motion_unreliable(time):
-            return {}
-        return {id_: line.prediction() for id_, line in self.window.lines.items()}
+        lines = {} if self._is_motion_unreliable(time) else self.window.lines
+        return {id_: line.prediction() for id_, line in lines.items()}
 
     def _is_motion_unreliable(self, time: float) -> bool:
         """Whether the IMU was unreliable in the last interval or since."""
@@ -146,7 +146,7 @@ class TrajectorySegment:
         sensors, front_end = self._stages.sensors, self._stages.front_end
         stamps, times = [f.stamp for f in frames], [f.time for f in frames]
         tracks = front_end.observed() if observe_lines else []
-        correction, limit = sensors.offset_correction, self.monitor.jump_limit(self.confirmed)
+        correction, limit = sensors.offset_correction, self.monitor.jump_limit
         self.window.extend(stamps, times, sensors.imu, tracks, still, correction, limit)
         front_end.reject(self.window.line_map.take_rejected())
 
@@ -167,6 +167,7 @@ class TrajectorySegment:
     def confirm(self) -> None:
         """Accept a start that was on trial, with covariances as of now, not of the start."""
         self.confirmed = True
+        self.monitor.confirm(self.window.newest.time)
         self.window.read_smoothed_covariances()
         self._reporter.release(self.window, accepted=True)
 

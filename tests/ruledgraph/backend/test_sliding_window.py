@@ -67,8 +67,8 @@ def clipped_run(seed: int) -> tuple[float, list[Interval], IdealTracks]:
     """Error at the end, m, all intervals, and what was seen; the gyroscope is too small."""
     made = ideal_tracks(seed, hand_held(np.random.default_rng(seed)))
     samples, made.imu = made.imu.between(0.0, made.times[-1]), ImuBuffer()
-    end = 0.7 * np.abs(samples.gyroscope).max(axis=0)
-    # It has been at all its ends before.
+    end = 0.7 * np.abs(samples.gyroscope).max(axis=0).min()
+    # All axes have been at their ends before.
     for time in np.arange(-1.0, -0.001, 0.005).tolist():
         swing = 2.0 * end * np.sin(2 * np.pi * (time + np.arange(3) / 3.0))
         made.imu.append(time, np.clip(swing, -end, end), np.array([time, 0.0, 9.81]))

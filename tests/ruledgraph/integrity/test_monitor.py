@@ -70,23 +70,38 @@ def test_stamps_that_are_off_are_reported():
 
 
 def test_nothing_jumps_while_a_start_is_on_trial_or_many_lines_do_not_fit():
-    _, monitor, _ = run()
-    assert np.isinf(monitor.jump_limit(confirmed=False))
-    assert np.isfinite(monitor.jump_limit(confirmed=True))
+    monitor = IntegrityMonitor(GaugeUncertainty(), Messages(), Config(), on_trial=True)
+    assert monitor.jump_limit == np.inf
+    monitor.confirm(0.0)
+    assert np.isfinite(monitor.jump_limit)
     _, misfit, _ = compared(misfits=3)
-    assert np.isinf(misfit.jump_limit(confirmed=True))
+    assert np.isinf(misfit.jump_limit)
 
 
 def test_biases_jump_where_the_innovation_contradicts_and_lines_agree():
     window, monitor, _ = run()
     window.innovation = Innovation(9e3, 9, window.newest.time - 1.0)
     monitor.update(window, False)
-    assert monitor.jump_limit(confirmed=True) == -np.inf
-    assert monitor.jump_limit(confirmed=False) == np.inf
+    assert monitor.jump_limit == -np.inf
     window.innovation = None
     window.jump_test = JumpTest(1.0, np.zeros(6), jumped=True)
     monitor.update(window, False)
-    assert np.isfinite(monitor.jump_limit(confirmed=True))
+    assert np.isfinite(monitor.jump_limit)
+
+
+def test_what_a_start_on_trial_was_off_by_is_no_noise():
+    (window, _, _), unit = run(), (np.eye(6), np.eye(3), np.eye(6))
+    monitor = IntegrityMonitor(GaugeUncertainty(), Messages(), Config(), on_trial=True)
+
+    def factor(nis: float, since: float) -> float:
+        window.newest.time, window.innovation = since + 2.5, Innovation(nis, 10, since)
+        monitor.update(window, False)
+        return monitor.covariances(unit, gtsam.Pose3(), np.zeros(3))[1][0, 0]
+
+    on_trial = factor(100.0, 0.0)
+    monitor.confirm(1.0)
+    assert factor(100.0, 0.5) == pytest.approx(on_trial)
+    assert factor(10.0, 4.0) == pytest.approx(on_trial / 7.0)
 
 
 def test_a_jump_is_held_against_the_ratios_before():
@@ -102,12 +117,12 @@ def test_a_jump_is_held_against_the_ratios_before():
     known = limits.variance_prior + 20 * 6
     factor = (limits.variance_prior + 20 * 30.0) / known
     expected = 6.0 * factor * f_ratio.ppf(limits.confidence, 6, known)
-    assert monitor.jump_limit(confirmed=True) == pytest.approx(expected, rel=1e-3)
+    assert monitor.jump_limit == pytest.approx(expected, rel=1e-3)
     # The first one is of the noise figures alone.
     window.jump_test, fresh = None, IntegrityMonitor(GaugeUncertainty(), Messages(), config)
     fresh.update(window, False)
     alone = 6.0 * f_ratio.ppf(limits.confidence, 6, limits.variance_prior)
-    assert fresh.jump_limit(confirmed=True) == pytest.approx(alone, rel=1e-6)
+    assert fresh.jump_limit == pytest.approx(alone, rel=1e-6)
 
 
 def nearly_parallel(degrees: float) -> np.ndarray:
@@ -184,8 +199,8 @@ def test_innovations_that_began_before_the_lines_fitted_make_no_jump(since, jump
     for interval in window.intervals:
         interval.misfits = 0
     monitor.update(window, False)
-    assert (monitor.jump_limit(confirmed=True) == -np.inf) == jumps
-    assert jumps or np.isfinite(monitor.jump_limit(confirmed=True))
+    assert (monitor.jump_limit == -np.inf) == jumps
+    assert jumps or np.isfinite(monitor.jump_limit)
 
 
 def test_lines_that_do_not_fit_for_long_are_those_of_a_lost_estimate():

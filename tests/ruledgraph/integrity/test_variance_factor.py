@@ -62,6 +62,20 @@ def test_what_was_told_is_forgotten():
     assert after(factor, None, 1e4) == pytest.approx(tails(5.0))
 
 
+def test_what_was_predicted_on_trial_counts_while_it_is_the_newest():
+    factor = VarianceFactor(CONFIG, counts_from=np.inf)
+    assert after(factor, told(100.0, 10, 1.0), 1.0) == pytest.approx(7.0 * tails(15.0))
+    factor.counts_from = 0.0
+    assert after(factor, told(40.0, 10, 2.4), 2.4) == pytest.approx(3.0 * tails(15.0))
+    assert after(factor, told(10.0, 10, 3.5), 3.5) == pytest.approx(tails(15.0))
+    # That from then on counts on, and no other one does where none is the newest.
+    degrees = 5.0 + 10.0 + 10.0 * np.exp(-2.5 / 5.0)
+    assert after(factor, told(10.0, 10, 6.0), 6.0) == pytest.approx(tails(degrees))
+    factor = VarianceFactor(CONFIG, counts_from=np.inf)
+    factor.update(told(100.0, 10, 1.0), 1.0)
+    assert after(factor, None, 1.2) == pytest.approx(tails(5.0))
+
+
 @pytest.mark.parametrize("dof", [3, 10])
 def test_errors_in_units_of_it_are_as_large_as_it_says(dof):
     """Noise whose factor is drawn from its prior, one window of innovations, and one error."""
