@@ -127,9 +127,8 @@ def bias_jump(
     if not seen:
         return None
     lines = _whitened(interval, seen, model)
-    start, needed = config.start, config.integrity.jump_confidence
-    sigmas = np.repeat([start.accelerometer_bias, start.gyroscope_bias], 3)
-    unknown = known + block_diag(np.zeros((9, 9)), np.diag(sigmas**2))
+    needed = config.integrity.jump_confidence
+    unknown = known + block_diag(np.zeros((9, 9)), np.diag(np.square(config.start.bias_sigmas)))
     try:
         none, jump = lines.fitted(known), lines.fitted(unknown)
     except np.linalg.LinAlgError:  # no covariance: the smoother has failed

@@ -5,9 +5,11 @@
 A section belongs to a stage, which gets that section alone. `settings.py` reads and writes them.
 """
 
+import numpy as np
 from pydantic import model_validator
 from typing_extensions import Self
 
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.image_config import EdgesConfig as EdgesConfig
 from ruledgraph.core.image_config import TracksConfig as TracksConfig
 from ruledgraph.core.section import Section, number
@@ -125,16 +127,18 @@ class StartConfig(Section):
     gravity_share: float = number(0.15, "", 0.0, 1.0)
     """The specific force at rest is gravity to this share; in g, or without gravity, it is not."""
 
+    @property
+    def bias_sigmas(self) -> FloatArray:
+        """Of the IMU's biases before a start, accelerometer (m/s^2) first, (6,)."""
+        return np.repeat([self.accelerometer_bias, self.gyroscope_bias], 3)
+
 
 class IntegrityConfig(Section):
     """Status and covariances of estimates, and when a segment ends."""
 
     max_speed: float = number(50.0, "m/s", 0.1, 1e3)
-    """A faster estimate has run away."""
-    max_gyroscope_bias: float = number(0.5, "rad/s", 1e-3, 10.0)
-    """An estimate with a larger bias has run away."""
-    max_accelerometer_bias: float = number(3.0, "m/s^2", 1e-2, 100.0)
-    """An estimate with a larger bias has run away."""
+    """A faster estimate has run away. So has one whose biases contradict what is known before a
+    start (`start.accelerometer_bias`, `start.gyroscope_bias`) with `confidence`."""
     tracking_velocity_sigma: float = number(0.05, "m/s", 1e-3, 10.0)
     """An estimate is called `tracking` while the standard deviation of its velocity is below this
     along every axis: three of them are a tenth of a walk ..."""

@@ -12,7 +12,7 @@ from gtsam import noiseModel
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.initialization.bordered_system import BorderedSystem
 from ruledgraph.initialization.first_window import FirstWindow
-from ruledgraph.initialization.prior import bias_sigmas, pose_covariance, unknown_offset
+from ruledgraph.initialization.prior import pose_covariance, unknown_offset
 from ruledgraph_factors import NEW_LINE_SIGMAS, LineChart, RuledSurfaceSpec, State
 from ruledgraph_factors.robust_lines import RobustLines
 
@@ -68,7 +68,7 @@ class BatchProblem:
         self._priors.addPriorPose3(POSE, gtsam.Pose3(upright, np.zeros(3)), tilt)
         slow = noiseModel.Isotropic.Sigma(3, window.config.start.velocity)
         self._priors.addPriorVector(VELOCITY, np.zeros(3), slow)
-        small = noiseModel.Diagonal.Sigmas(bias_sigmas(window.config))
+        small = noiseModel.Diagonal.Sigmas(window.config.start.bias_sigmas)
         self._priors.addPriorConstantBias(BIAS, gtsam.imuBias.ConstantBias(), small)
         if offset is not None:
             known = noiseModel.Isotropic.Sigma(1, offset.sigma)

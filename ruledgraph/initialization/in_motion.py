@@ -28,7 +28,6 @@ from ruledgraph.initialization.initial_values import (
 )
 from ruledgraph.initialization.prior import (
     Refusal,
-    bias_sigmas,
     pose_covariance,
     unknown_offset,
 )
@@ -187,7 +186,7 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
         bias=batch.bias,
         pose_covariance=pose_covariance(batch.pose.rotation(), start.tilt),
         velocity_sigma=start.velocity,
-        bias_sigmas=bias_sigmas(config),
+        bias_sigmas=config.start.bias_sigmas,
         lines=lines,
         time_offset=offset,
         edge_variance=window.edge_variance,

@@ -34,8 +34,3 @@ def pose_covariance(attitude: gtsam.Rot3, tilt: float) -> FloatArray:
 def unknown_offset(config: Config) -> TimeOffset | None:
     """How much later than their times the frames may have been taken; None: it is not estimated."""
     return TimeOffset(0.0, config.time_offset.sigma) if config.time_offset.estimate else None
-
-
-def bias_sigmas(config: Config) -> FloatArray:
-    """Standard deviations of the IMU's bias, accelerometer (m/s^2) first, (6,)."""
-    return np.repeat([config.start.accelerometer_bias, config.start.gyroscope_bias], 3)

@@ -20,7 +20,7 @@ from ruledgraph.initialization.batch_problem import (
 )
 from ruledgraph.initialization.first_window import FirstWindow, Seen
 from ruledgraph.initialization.levenberg_marquardt import minimized
-from ruledgraph.initialization.prior import bias_sigmas, pose_covariance
+from ruledgraph.initialization.prior import pose_covariance
 from ruledgraph_factors import (
     NEW_LINE_SIGMAS,
     line_from_ruling,
@@ -72,7 +72,7 @@ class Case:
         graph.addPriorPose3(POSE, gtsam.Pose3(self.upright, np.zeros(3)), tilt)
         slow = noiseModel.Isotropic.Sigma(3, config.start.velocity)
         graph.addPriorVector(VELOCITY, np.zeros(3), slow)
-        small = noiseModel.Diagonal.Sigmas(bias_sigmas(config))
+        small = noiseModel.Diagonal.Sigmas(config.start.bias_sigmas)
         graph.addPriorConstantBias(BIAS, gtsam.imuBias.ConstantBias(), small)
         if self.timed:
             known = noiseModel.Isotropic.Sigma(1, config.time_offset.sigma)
