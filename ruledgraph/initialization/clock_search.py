@@ -39,6 +39,7 @@ class ClockSearch:
         self._warnings = warnings
         self._finder: ClockOffsetFinder | None = None
         self._checked = False
+        self._known = mounting.calibration.time_offset
         self._latest = -np.inf
         self.restart()
         if self._finder is not None and self.readout.finder is not None:
@@ -70,9 +71,19 @@ class ClockSearch:
                 images of a plane turn in two ways equally well (that of the camera, and one that
                 explains the translation).
         """
+        self._known = known.value
         found = self._search(imu, known, by_window)
         self.readout.search(imu, self.found and self.found.value)
         return found
+
+    def doubts(self, offset: float) -> bool:
+        """Whether an offset that a start has found, s, contradicts what is known, while images that
+        are still to come may show it.
+        """
+        finder = self._finder
+        if finder is None or finder.count == finder.most:
+            return False
+        return abs(offset - self._known) > _SIGNIFICANT * self.config.time_offset.sigma
 
     def _search(self, imu: ImuBuffer, known: TimeOffset, by_window: bool) -> TimeOffset | None:
         if self._finder is None:

@@ -54,3 +54,24 @@ def test_images_that_are_processed_anew_tell_nothing_new(monkeypatch):
     for time in (0.0, 0.1, 0.2):
         search.add_image(time, image)
     assert added == [0.0, 0.1, 0.2]
+
+
+def test_an_offset_far_from_what_is_known_is_doubted_while_images_may_show_it(monkeypatch):
+    imu, warnings, config = ImuBuffer(), Messages(), Config()
+    for time in (0.0, 0.005):
+        imu.append(time, np.full(3, time), np.array([0.0, 0.0, 9.81]))
+    search = ClockSearch(CameraMounting(D435I, config.extrinsics, warnings), config, warnings)
+    three_sigma = 3.0 * config.time_offset.sigma
+    known = D435I.time_offset
+    assert not search.doubts(known + 0.99 * three_sigma)
+    assert search.doubts(known - 1.01 * three_sigma)
+    search.search(imu, TimeOffset(0.02, 0.0), False)
+    assert not search.doubts(0.02 + 0.99 * three_sigma)
+    assert search.doubts(0.02 + 1.01 * three_sigma)
+    # When as many images as are kept do not show it, nor will others, or they have.
+    with monkeypatch.context() as patch:
+        patch.setattr(ClockOffsetFinder, "count", property(lambda finder: finder.most))
+        assert not search.doubts(0.1)
+    monkeypatch.setattr(ClockOffsetFinder, "find", lambda _self, _samples: FOUND)
+    search.search(imu, TimeOffset(0.0, 0.0), False)
+    assert not search.doubts(0.1)

@@ -82,6 +82,22 @@ def test_a_start_begins_at_the_first_frame_of_its_window(moving):
     assert found[0].frames[0].time == pytest.approx(found[0].start.time)
 
 
+def test_a_start_whose_clock_offset_is_doubted_waits(moving, monkeypatch):
+    run, offsets = Run(moving, image_motion=5.0), []
+
+    def doubts(_search, offset):
+        offsets.append(offset)
+        return len(offsets) == 1
+
+    monkeypatch.setattr(ClockSearch, "doubts", doubts)
+    run.sensors.offset_correction = 0.02
+    found = [(time, f) for time, f in run.attempts(1.5) if f is not None]
+    assert found[0][0] == pytest.approx(1.15)  # at the second attempt
+    assert "frames seem to be taken" in run.output.warnings[0]
+    # The frames were taken at their times, which are so much later than their stamps.
+    assert offsets == pytest.approx([CALIBRATION.time_offset + 0.02] * len(offsets), abs=2e-3)
+
+
 def test_at_rest_one_frame_is_enough():
     made = ideal_tracks(0, at_rest(1.0), duration=0.9)
     found = [(time, f) for time, f in Run(made, image_motion=0.1).attempts(0.8) if f is not None]
