@@ -102,8 +102,8 @@ class Initializer:
         if not self._clock_search.doubts(offset):
             return start
         return Refusal(
-            f"frames seem to be taken {1e3 * offset:.0f} ms after their stamps, which images that "
-            "turn are to show"
+            f"frames seem to be taken {1e3 * offset:.0f} ms after their stamps: waiting for images "
+            "that turn to show it"
         )
 
     def _at_rest(self, now: FrameTime) -> Start | Refusal:
