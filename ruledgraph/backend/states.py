@@ -56,7 +56,7 @@ class StateNode:
     def has_unlikely_biases(self, sigmas: FloatArray, confidence: float) -> bool:
         """Whether the biases contradict what was known of them, standard deviations (6,),
         accelerometer first, by a chi-square test: where lines say little of them, wrong ones pull
-        them and the tilt away together.
+        them and the tilt away together. So do those that are no number.
         """
         whitened = self.bias.vector() / sigmas
         return not float(whitened @ whitened) <= float(chdtri(len(sigmas), 1.0 - confidence))

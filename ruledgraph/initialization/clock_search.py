@@ -40,13 +40,14 @@ class ClockSearch:
         self._finder: ClockOffsetFinder | None = None
         self._checked = False
         self._known = mounting.calibration.time_offset
-        self._latest = -np.inf
+        self._latest = self._begun = -np.inf
         self.restart()
         if self._finder is not None and self.readout.finder is not None:
             self._finder = self.readout.finder  # one for both, which tracks points once
 
     def restart(self) -> None:
         """A segment has ended."""
+        self._begun = np.inf
         if self.config.time_offset.estimate:
             bias_sigma = self.config.start.gyroscope_bias
             self._finder = ClockOffsetFinder(self._mounting.calibration, bias_sigma)
@@ -55,7 +56,7 @@ class ClockSearch:
         """The next image, with its stamp in s; one that was there before tells nothing new."""
         if time <= self._latest:
             return
-        self._latest = time
+        self._latest, self._begun = time, min(time, self._begun)
         for finder in {self._finder, self.readout.finder}:
             if finder is not None:
                 finder.add_image(time, image)
@@ -77,11 +78,10 @@ class ClockSearch:
         return found
 
     def doubts(self, offset: float) -> bool:
-        """Whether an offset that a start has found, s, contradicts what is known, while images that
-        are still to come may show it.
+        """Whether an offset that a start has found, s, contradicts what is known, while images may
+        show it: those of as long as a window.
         """
-        finder = self._finder
-        if finder is None or finder.count == finder.most:
+        if self._finder is None or self._latest - self._begun >= self.config.window.lag:
             return False
         return abs(offset - self._known) > _SIGNIFICANT * self.config.time_offset.sigma
 

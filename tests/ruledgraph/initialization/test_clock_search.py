@@ -68,10 +68,14 @@ def test_an_offset_far_from_what_is_known_is_doubted_while_images_may_show_it(mo
     search.search(imu, TimeOffset(0.02, 0.0), False)
     assert not search.doubts(0.02 + 0.99 * three_sigma)
     assert search.doubts(0.02 + 1.01 * three_sigma)
-    # When as many images as are kept do not show it, nor will others, or they have.
-    with monkeypatch.context() as patch:
-        patch.setattr(ClockOffsetFinder, "count", property(lambda finder: finder.most))
-        assert not search.doubts(0.1)
+    # Until images of as long as a window have not shown it, or they have.
+    image = np.zeros((2, 2), np.uint8)
+    for time, doubted in ((1.0, True), (3.4, True), (3.6, False)):
+        search.add_image(time, image)
+        assert search.doubts(0.1) == doubted
+    search.restart()
+    search.add_image(3.7, image)
+    assert search.doubts(0.1)
     monkeypatch.setattr(ClockOffsetFinder, "find", lambda _self, _samples: FOUND)
     search.search(imu, TimeOffset(0.0, 0.0), False)
     assert not search.doubts(0.1)
