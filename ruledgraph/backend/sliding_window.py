@@ -104,7 +104,7 @@ class Window:
 
     def is_plausible(self) -> bool:
         """Whether the newest state can be one of a carried or flown camera and its IMU."""
-        return not self._solver.has_failed and self.newest.is_plausible(self._config)
+        return not self._solver.has_failed and self.newest.is_plausible(self._config.integrity)
 
     # -- growing ---------------------------------------------------------------------------------
 

@@ -10,13 +10,12 @@ import gtsam
 import numpy as np
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, V, X
-from scipy.special import chdtri
 
 from ruledgraph.backend.extrinsics import ExtrinsicsState
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.time_offset import TimeOffsetState
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.core.config import Config
+from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Covariances, blocks
 from ruledgraph.core.line_observations import Sighting
 from ruledgraph_factors import (
@@ -46,20 +45,13 @@ class StateNode:
         """Of pose (6, 6), velocity (3, 3) and bias (6, 6)."""
         return blocks(self.covariance)
 
-    def is_plausible(self, config: Config) -> bool:
-        """Whether velocity and biases are those of a carried or flown camera and its IMU."""
-        limits = config.integrity
-        speed = float(np.linalg.norm(self.state.velocity()))
-        unlikely = self.has_unlikely_biases(config.start.bias_sigmas, limits.confidence)
-        return speed < limits.max_speed and not unlikely
-
-    def has_unlikely_biases(self, sigmas: FloatArray, confidence: float) -> bool:
-        """Whether the biases contradict what was known of them, standard deviations (6,),
-        accelerometer first, by a chi-square test: where lines say little of them, wrong ones pull
-        them and the tilt away together. So do those that are no number.
-        """
-        whitened = self.bias.vector() / sigmas
-        return not float(whitened @ whitened) <= float(chdtri(len(sigmas), 1.0 - confidence))
+    def is_plausible(self, limits: IntegrityConfig) -> bool:
+        """Whether velocity and biases are within their limits."""
+        return bool(
+            np.linalg.norm(self.state.velocity()) < limits.max_speed
+            and np.linalg.norm(self.bias.gyroscope()) < limits.max_gyroscope_bias
+            and np.linalg.norm(self.bias.accelerometer()) < limits.max_accelerometer_bias
+        )
 
 
 class LineObservation(NamedTuple):

@@ -137,8 +137,11 @@ class IntegrityConfig(Section):
     """Status and covariances of estimates, and when a segment ends."""
 
     max_speed: float = number(50.0, "m/s", 0.1, 1e3)
-    """A faster estimate has run away. So has one whose biases contradict what is known before a
-    start (`start.accelerometer_bias`, `start.gyroscope_bias`) with `confidence`."""
+    """A faster estimate has run away."""
+    max_gyroscope_bias: float = number(0.5, "rad/s", 1e-3, 10.0)
+    """An estimate with a larger bias has run away."""
+    max_accelerometer_bias: float = number(3.0, "m/s^2", 1e-2, 100.0)
+    """An estimate with a larger bias has run away."""
     tracking_velocity_sigma: float = number(0.05, "m/s", 1e-3, 10.0)
     """An estimate is called `tracking` while the standard deviation of its velocity is below this
     along every axis: three of them are a tenth of a walk ..."""

@@ -2,8 +2,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Whether a start in motion is accepted."""
 
+from scipy.special import chdtri
+
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.start import Start
+from ruledgraph.backend.states import StateNode
 from ruledgraph.core.config import Config
 
 
@@ -15,7 +18,7 @@ class Trial:
     def __init__(self, start: Start, time: float, config: Config) -> None:
         self._config = config.integrity
         self._bias_sigmas = start.bias_sigmas
-        self._confidence = config.start.confidence
+        self._most = float(chdtri(len(start.bias_sigmas), 1.0 - config.start.confidence))
         self._line_ids = set(start.lines)
         self._entered: set[int] = set()
         self._until = time + self._config.trial_time
@@ -31,8 +34,15 @@ class Trial:
         gone = len(self._entered - window.lines.keys())
         if gone > (1.0 - self._config.trial_min_stay) * len(self._line_ids):
             self.failure = f"{gone} of its {len(self._line_ids)} lines did not fit for long"
-        elif node.has_unlikely_biases(self._bias_sigmas, self._confidence):
+        elif self._is_unlikely(node):
             self.failure = "its biases are larger than those of an IMU"
         elif not agrees and node.time >= self._until + self._config.lost_time:
             self.failure = "too many lines do not fit it"
         return not self.failure and agrees and node.time >= self._until
+
+    def _is_unlikely(self, node: StateNode) -> bool:
+        """Whether biases contradict what is known of them before a start, by a chi-square test:
+        where lines say little of them, wrong ones pull them and the tilt away together.
+        """
+        whitened = node.bias.vector() / self._bias_sigmas
+        return float(whitened @ whitened) > self._most
