@@ -130,8 +130,9 @@ class RangeWatch:
         if self._recent:
             before = self._recent[-1][1]
             change = np.abs(both[:6] - before[:6])
-            for axis in change.nonzero()[0].tolist():
-                self._changes[axis].append(change[axis])
+            for changes, size in zip(self._changes, change.tolist(), strict=True):
+                if size > 0.0:
+                    changes.append(size)
             for i in (both >= self._farthest).nonzero()[0].tolist():
                 if both[i] > self._farthest[i]:
                     self._farthest[i] = both[i]
@@ -157,16 +158,15 @@ class RangeWatch:
         touches.append(time)
         while touches[0] < time - self._config.range_span:
             touches.popleft()
-        enough = len(touches) >= self._config.range_touches and self._changes[i % 6]
-        if not (enough and self._may_end(i)):
+        changes = self._changes[i % 6]
+        if len(touches) < self._config.range_touches or not (changes and self._may_end(i)):
             return False
         # A parabola whose top stays within one step for so long was three steps lower half as
         # long before.
         since = touches[0] - 0.5 * (time - touches[0])
         earlier = [both[i] for t, both in self._recent if since <= t < touches[0]]
         drop = self._farthest[i] - min(earlier, default=np.inf)
-        step = float(np.quantile(self._changes[i % 6], _OF_STEPS))
-        return bool(drop > self._config.range_steps * step)
+        return bool(drop > self._config.range_steps * np.quantile(changes, _OF_STEPS))
 
     def _may_end(self, i: int) -> bool:
         """Whether no axis of the sensor went well beyond."""

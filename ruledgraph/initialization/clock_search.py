@@ -40,7 +40,8 @@ class ClockSearch:
         self._finder: ClockOffsetFinder | None = None
         self._checked = False
         self._known = mounting.calibration.time_offset
-        self._latest = self._begun = -np.inf
+        self._latest = -np.inf
+        self._begun = np.inf
         self.restart()
         if self._finder is not None and self.readout.finder is not None:
             self._finder = self.readout.finder  # one for both, which tracks points once

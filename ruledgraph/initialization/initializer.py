@@ -79,8 +79,8 @@ class Initializer:
         found = self._at_rest(now) if self._rest.is_still(now.time) else self._in_motion(now)
         if found is None:
             return None
-        if isinstance(found, Start) and found.time_offset is not None:
-            found = self._unless_doubted(found, found.time_offset.value)
+        if isinstance(found, Start):
+            found = self._unless_doubted(found)
         if isinstance(found, Refusal):
             self._retimed, self.refusal = False, found.reason
             self._warnings.append(f"no start at {now.time:.2f} s: {found.reason}")
@@ -96,9 +96,12 @@ class Initializer:
         frames = [frame for frame in self._sensors.frames if frame.stamp >= found.stamp]
         return FirstFrames(found, frames)
 
-    def _unless_doubted(self, start: Start, later: float) -> Start | Refusal:
-        """A start whose frames were taken so much later than their times, s."""
-        offset = self._mounting.calibration.time_offset + self._sensors.offset_correction + later
+    def _unless_doubted(self, start: Start) -> Start | Refusal:
+        """A start, unless images may show that its clock offset is another one."""
+        if start.time_offset is None:
+            return start
+        offset = self._mounting.calibration.time_offset + self._sensors.offset_correction
+        offset += start.time_offset.value
         if not self._clock_search.doubts(offset):
             return start
         return Refusal(
