@@ -64,8 +64,9 @@ class IntegrityMonitor:
         self._start_gauge = self._base_gauge = gauge_uncertainty
         self._imu = ImuCheck(warnings, config.integrity)
         self._lines = LineCheck(warnings, config.integrity)
-        self._on_trial = on_trial
         self._variance = VarianceFactor(config.integrity, math.inf if on_trial else -math.inf)
+        # By all innovations: a start's, too, tell that noise is no larger than they are.
+        self._of_innovations = VarianceFactor(config.integrity)
         # By the ratios of `bias_jump` where nothing jumped, which count as innovations.
         self._of_jumps = VarianceFactor(config.integrity)
         self._parallel = ParallelLines(config.integrity)
@@ -76,7 +77,7 @@ class IntegrityMonitor:
 
     def confirm(self, time: float) -> None:
         """The start, on trial before, is accepted at a time, s; see `VarianceFactor`."""
-        self._on_trial, self._variance.counts_from = False, time
+        self._variance.counts_from = time
 
     @property
     def disagree(self) -> bool:
@@ -113,7 +114,8 @@ class IntegrityMonitor:
         since its prediction: an interval alone shows little of a slow drift, and once the lines
         have followed it, nothing.
         """
-        if self._on_trial or not self.agrees:
+        on_trial = self._variance.counts_from == math.inf
+        if on_trial or not self.agrees:
             return math.inf
         since = self._imu.unlikely_since
         if since is not None and self._lines.agree_since <= since:
@@ -125,8 +127,9 @@ class IntegrityMonitor:
         node = window.newest
         disagreed = self.disagree
         jumped = window.jump_test is not None and window.jump_test.jumped
-        self._imu.update(window.innovation, node.time, self._variance, jumped)
-        self._variance.update(window.innovation, node.time)
+        self._imu.update(window.innovation, node.time, self._of_innovations, jumped)
+        for factor in (self._variance, self._of_innovations):
+            factor.update(window.innovation, node.time)
         if window.jump_test is not None and not jumped:
             before = window.intervals[-1].node.time
             self._of_jumps.update(Innovation(window.jump_test.ratio, JUMP_DOF, before), node.time)

@@ -7,44 +7,15 @@ import pytest
 from scipy.stats import f as f_ratio
 from scipy.stats import norm, t
 
-from ideal_tracks import CALIBRATION, MANY, ideal_tracks, start_of
+from ideal_tracks import MANY
+from monitored_window import monitored_window
 from ruledgraph.backend.bias_jump import JumpTest
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Innovation
 from ruledgraph.core.timing import Messages
-from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.integrity.gauge import GaugeUncertainty
 from ruledgraph.integrity.monitor import IntegrityMonitor
-from simulated_window import BODY_T_CAM, hand_held
-
-
-def run(segments=MANY, late: float = 0.0, noise_times: float = 1.0, seed: int = 1):
-    """Window and monitor at the end of 1.6 s, and the messages; IMU stamps are `late`."""
-    made = ideal_tracks(
-        seed, hand_held(np.random.default_rng(seed)), duration=1.6, segments=segments
-    )
-    if late:
-        samples, shifted = made.imu.between(0.0, 1.6), ImuBuffer()
-        for time, w, f in zip(samples.times, samples.gyroscope, samples.accelerometer, strict=True):
-            shifted.append(time - late, w, f)
-        made.imu = shifted
-    noise = type(CALIBRATION.imu_noise)(
-        *(noise_times * value for value in vars(CALIBRATION.imu_noise).values())
-    )
-    calibration = type(CALIBRATION)(CALIBRATION.camera, BODY_T_CAM, noise)
-    window = Window(calibration, Config(), start_of(made))
-    warnings = Messages()
-    monitor = IntegrityMonitor(GaugeUncertainty(), warnings, Config())
-    stamps, times = made.stamps[1:], made.times[1:].tolist()
-    for first in range(0, len(times) - 3, 3):
-        part = slice(first, first + 3)
-        if times[part][-1] > made.imu.latest:
-            break
-        window.extend(stamps[part], times[part], made.imu, made.tracks, False)
-        window.optimize()
-        monitor.update(window, False)
-    return window, monitor, warnings
 
 
 def shown(window: Window, monitor: IntegrityMonitor) -> np.ndarray:
@@ -56,7 +27,7 @@ def shown(window: Window, monitor: IntegrityMonitor) -> np.ndarray:
 
 @pytest.mark.parametrize("noise_times", [1.0, 3.0, 1.0 / 3.0])
 def test_images_and_imu_that_agree(noise_times):
-    window, monitor, warnings = run(noise_times=noise_times)
+    window, monitor, warnings = monitored_window(noise_times=noise_times)
     assert warnings == []
     assert not monitor.disagree
     assert not monitor.parallel
@@ -64,7 +35,7 @@ def test_images_and_imu_that_agree(noise_times):
 
 
 def test_stamps_that_are_off_are_reported():
-    _, monitor, warnings = run(late=0.03)
+    _, monitor, warnings = monitored_window(late=0.03)
     assert monitor.disagree
     assert "time offset or extrinsics may be wrong" in warnings[0]
 
@@ -79,7 +50,7 @@ def test_nothing_jumps_while_a_start_is_on_trial_or_many_lines_do_not_fit():
 
 
 def test_biases_jump_where_the_innovation_contradicts_and_lines_agree():
-    window, monitor, _ = run()
+    window, monitor, _ = monitored_window()
     window.innovation = Innovation(9e3, 9, window.newest.time - 1.0)
     monitor.update(window, False)
     assert monitor.jump_limit == -np.inf
@@ -89,24 +60,9 @@ def test_biases_jump_where_the_innovation_contradicts_and_lines_agree():
     assert np.isfinite(monitor.jump_limit)
 
 
-def test_what_a_start_on_trial_was_off_by_is_no_noise():
-    (window, _, _), unit = run(), (np.eye(6), np.eye(3), np.eye(6))
-    monitor = IntegrityMonitor(GaugeUncertainty(), Messages(), Config(), on_trial=True)
-
-    def factor(nis: float, since: float) -> float:
-        window.newest.time, window.innovation = since + 2.5, Innovation(nis, 10, since)
-        monitor.update(window, False)
-        return monitor.covariances(unit, gtsam.Pose3(), np.zeros(3))[1][0, 0]
-
-    on_trial = factor(100.0, 0.0)
-    monitor.confirm(1.0)
-    assert factor(100.0, 0.5) == pytest.approx(on_trial)
-    assert factor(10.0, 4.0) == pytest.approx(on_trial / 7.0)
-
-
 def test_a_jump_is_held_against_the_ratios_before():
     config = Config.model_validate({"integrity": {"variance_memory": 1e4}})
-    window, _, _ = run()
+    window, _, _ = monitored_window()
     monitor = IntegrityMonitor(GaugeUncertainty(), Messages(), config)
     window.jump_test = JumpTest(30.0, np.zeros(6), jumped=False)
     for _ in range(20):
@@ -135,14 +91,14 @@ def nearly_parallel(degrees: float) -> np.ndarray:
 @pytest.mark.parametrize(("degrees", "is_parallel"), [(5.0, True), (15.0, False)])
 def test_lines_are_parallel_when_hardly_any_of_them_is_across(degrees, is_parallel):
     """Of their squared directions 0.8 % and 6.7 %; the limit is 2 %."""
-    _, monitor, _ = run(segments=nearly_parallel(degrees))
+    _, monitor, _ = monitored_window(segments=nearly_parallel(degrees))
     assert monitor.parallel == is_parallel
 
 
 @pytest.mark.parametrize("elapsed", [1.5, 3.0])
 def test_along_parallel_lines_a_wrong_velocity_adds_up(elapsed):
     """Of 0.2 m/s, as it was known when they became parallel, with tilt and bias known well."""
-    window, _, _ = run(segments=nearly_parallel(0.0))
+    window, _, _ = monitored_window(segments=nearly_parallel(0.0))
     of_pose, of_velocity, of_bias = window.newest.covariances
     of_pose[:], of_bias[:] = 1e-12 * np.eye(6), 1e-12 * np.eye(6)
     of_velocity[:] = 0.04 * np.eye(3)
@@ -159,7 +115,7 @@ def test_parallel_lines_leave_the_motion_along_them_open():
     middles = MANY.mean(axis=1)
     along = np.array([0.3, 1.0, 0.0]) / np.hypot(0.3, 1.0)
     parallel = np.stack([middles - 0.3 * along, middles + 0.3 * along], axis=1)
-    window, monitor, warnings = run(segments=parallel)
+    window, monitor, warnings = monitored_window(segments=parallel)
     assert warnings == []
     assert monitor.parallel
     R = window.newest.state.attitude().matrix()
@@ -172,7 +128,7 @@ def test_parallel_lines_leave_the_motion_along_them_open():
 
 def compared(misfits: int):
     """A window whose lines were compared: so many of ten lines miss in each of its intervals."""
-    window, monitor, warnings = run()
+    window, monitor, warnings = monitored_window()
     for interval in window.intervals:
         interval.compared, interval.misfits = 10, misfits
     monitor.update(window, False)
@@ -237,7 +193,7 @@ def tell(window: Window, factor: float, later: float = 100.0) -> None:
 
 @pytest.mark.parametrize("factor", [9.0, 0.5])
 def test_covariances_are_those_of_the_window_times_the_variance_factor(factor):
-    window, monitor, warnings = run()
+    window, monitor, warnings = monitored_window()
     tell(window, factor)
     monitor.update(window, False)
     state, own = window.newest.state, window.newest.covariances
@@ -249,7 +205,7 @@ def test_covariances_are_those_of_the_window_times_the_variance_factor(factor):
 
 def test_covariances_have_the_bounds_of_students_t():
     """Of 5 degrees of freedom of the noise figures and 10 of an innovation."""
-    window, monitor, _ = run()
+    window, monitor, _ = monitored_window()
     tell(window, 1.0)
     window.innovation = Innovation(90.0, 10, window.newest.time - 2.5)
     monitor.update(window, False)
@@ -262,7 +218,7 @@ def test_covariances_have_the_bounds_of_students_t():
 
 def test_what_was_wrong_with_the_position_stays():
     """And of velocity it is forgotten."""
-    window, monitor, _ = run()
+    window, monitor, _ = monitored_window()
     for factor in (9.0, 1.0):
         tell(window, factor)
         monitor.update(window, False)
@@ -275,7 +231,7 @@ def test_what_was_wrong_with_the_position_stays():
 
 def test_a_place_that_drifts_on_is_further_off():
     """Each part of its covariance by what was wrong when it came."""
-    window, monitor, _ = run()
+    window, monitor, _ = monitored_window()
     own = 1e4 * window.newest.covariances[0][3:, 3:]  # more than there ever was
     for times, factor in ((1.0, 9.0), (2.0, 4.0), (2.0, 1.0), (1.5, 4.0)):
         window.newest.covariances[0][3:, 3:] = times * own
@@ -289,7 +245,7 @@ def test_covariances_stay_covariances_while_the_body_turns():
     """What is open from before, along one axis, and what is now, along another; a frame between
     states looks elsewhere.
     """
-    window, monitor, _ = run()
+    window, monitor, _ = monitored_window()
     for scale, axes in ((30.0, [1.0, 1e-3, 1e-3]), (20.0, [1e-3, 1.0, 1e-3])):
         window.newest.covariances[0][:] = np.diag([1e-4, 1e-4, 1e-4, *axes])
         tell(window, scale**2)
@@ -305,7 +261,7 @@ def test_covariances_stay_covariances_while_the_body_turns():
 
 
 def test_an_estimate_that_moves_while_the_body_rests_is_off_by_that():
-    window, monitor, warnings = run()
+    window, monitor, warnings = monitored_window()
     node = window.newest
     state, slide = node.state, np.array([0.03, -0.04, 0.0])
     monitor.update(window, True)
