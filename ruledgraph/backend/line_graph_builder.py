@@ -81,17 +81,21 @@ class LineGraphBuilder:
         sightings: Sequence[Sighting],
         now: float,
         update: GraphUpdate,
+        rests: bool,
         made: LineObservation | None = None,
     ) -> None:
         """Add the factor of a line over the frames `index` of an interval that ends `now`, s.
 
-        The observation may be `made` already.
+        While the body rests, all the window long, a line gets one only: later images repeat its
+        errors, and counted again and again these move the estimate. The observation may be `made`
+        already.
         """
         if not index:
             return
         seen = made or observation(interval, line, index, sightings, self._model)
         interval.observations.append(seen)
-        update.factors.add(seen.factor)
+        if not (rests and line.points):
+            update.factors.add(seen.factor)
         line.points += sum(len(sighting.points) for sighting in sightings)
         line.last_stamp = max(line.last_stamp, interval.stamps[index[-1]])
         line.last_time = update.times[line.key] = now
@@ -102,6 +106,7 @@ class LineGraphBuilder:
         intervals: Sequence[Interval],
         now: float,
         update: GraphUpdate,
+        rests: bool,
         distance: float,
         weight: float,
     ) -> Landmark | None:
@@ -139,7 +144,7 @@ class LineGraphBuilder:
         self._keys_so_far += 1
         update.values.insert(line.key, line.delta)
         for interval, index, sightings in seen:
-            self.observe(interval, line, index, sightings, now, update)
+            self.observe(interval, line, index, sightings, now, update, rests)
         of_first = first.interval.observations[-1]
         for factor in new_line_factors(first.interval.node, of_first, self._config, distance):
             update.factors.add(factor)

@@ -65,20 +65,22 @@ class LineMap:
     ) -> None:
         """Take in what was seen in the newest interval, which ends `now`, s.
 
-        Observations that are `made` were `compared`.
+        Observations that are `made` were `compared`. While the body rests, all the window long, no
+        parallax shows how far away a new line is: it waits, unless there are none yet.
         """
-        distance = self._usual_distance()
+        distance, newest = self._usual_distance(), intervals[-1]
+        rests = all(interval.still for interval in intervals)
+        waits = rests and bool(self.lines)
         for track in tracks:
             line = self.lines.get(track.id)
             if line is not None:
                 line.in_view = track.in_view
-                seen = intervals[-1].seen(track.sightings)
-                own = made.get(track.id)
-                self._builder.observe(intervals[-1], line, *seen, now, update, own)
-            elif self._is_mature(track, now):
+                seen, own = newest.seen(track.sightings), made.get(track.id)
+                self._builder.observe(newest, line, *seen, now, update, rests, own)
+            elif not waits and self._is_mature(track, now):
                 try:
                     entered = self._builder.new_line(
-                        track, intervals, now, update, distance, self.weights.usual
+                        track, intervals, now, update, rests, distance, self.weights.usual
                     )
                 except ImpossibleLineError:
                     self.rejected.add(track.id)

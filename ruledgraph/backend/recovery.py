@@ -37,6 +37,7 @@ def rebuilt(
         add_self_calibration(update, interval, before, config)
     kept = {id(line): line.inverse_distance() for line in lines}
     distance = usual_distance(kept.values(), config.lines.prior_distance)
+    rests = all(interval.still for interval in intervals)
     for interval in intervals:
         for factor in interval.imu_factors:
             # A rest's first state may have left.
@@ -47,6 +48,8 @@ def rebuilt(
             # Factors on the key a line had before it was re-anchored stay out.
             if id(line) not in kept or line.key != seen.factor.spec.keys[-1]:
                 continue
+            if rests and line.key in times:
+                continue  # see `LineGraphBuilder.observe`
             factors.add(seen.factor)
             if line.key not in times:
                 for factor in new_line_factors(interval.node, seen, config.lines, distance):
