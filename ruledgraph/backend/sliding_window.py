@@ -15,6 +15,7 @@ from ruledgraph.backend.innovation import Predictions
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_map import LineMap
 from ruledgraph.backend.rest_factors import rest_factors
+from ruledgraph.backend.rest_jump import rest_jump
 from ruledgraph.backend.self_calibration import SelfCalibration, add_self_calibration
 from ruledgraph.backend.start import Start
 from ruledgraph.backend.state_sequence import StateSequence
@@ -102,6 +103,11 @@ class Window:
         """Time of the first state of the rest that goes on, or of the newest state, s."""
         return self._states.rests_since
 
+    @property
+    def jumped(self) -> bool:
+        """Whether the IMU's biases jumped in the newest interval."""
+        return self.jump_test is not None and self.jump_test.jumped
+
     def is_plausible(self) -> bool:
         """Whether the newest state can be one of a carried or flown camera and its IMU."""
         return not self._solver.has_failed and self.newest.is_plausible(self._config.integrity)
@@ -127,7 +133,8 @@ class Window:
             tracks: of the lines to be taken in, usually all.
             still: whether the body has rested since the newest state, and for some time.
             offset_correction: what was added to the calibration's time offset in `times`, s.
-            jump_limit: from which likelihood ratio on the biases jump, see `bias_jump`.
+            jump_limit: from which likelihood ratio on the biases jump, see `bias_jump`; inf: they
+                do not, at rest neither (`rest_jump`).
         """
         before, latest = self.newest, self._states.latest_interval
         repeats_frame = False
@@ -149,8 +156,12 @@ class Window:
         is_tested = interval.is_reliable and not math.isinf(self.solved)
         seen = self.line_map.compared(interval, tracks) if is_tested else {}
         model, observed = self.line_map.model, list(seen.values())
-        test = self.jump_test = bias_jump(interval, observed, model, jump_limit, self._config)
-        if test is not None and test.jumped:
+        test = bias_jump(interval, observed, model, jump_limit, self._config)
+        if still and is_tested and jump_limit < math.inf and not (test and test.jumped):
+            of_rest = rest_jump(interval, imu, self._imu_noise, self._config)
+            test = of_rest if of_rest and of_rest.jumped else test
+        self.jump_test = test
+        if test and test.jumped:
             let_jump(interval, new, test.jump, imu, self._imu_noise, self._config.start)
             self._predictions.restart(new.time)
             seen = {}

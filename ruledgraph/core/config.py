@@ -198,18 +198,16 @@ class RestConfig(Section):
 
     duration: float = number(0.4, "s", 0.05, 10.0)
     """How long rest must last."""
-    gyroscope_sigma: float = number(0.02, "rad/s", 1e-5, 1.0)
-    """The gyroscope's largest standard deviation at rest."""
-    accelerometer_sigma: float = number(0.25, "m/s^2", 1e-4, 10.0)
-    """The accelerometer's largest standard deviation at rest."""
     image_motion_px: float = number(0.4, "px", 0.0, 10.0)
     """Lines move across themselves by less at rest, their median."""
     min_lines: int = number(3, "", 1, 100)
     """Fewer lines say nothing of whether the image moves."""
     velocity_sigma: float = number(0.005, "m/s", 1e-6, 1.0)
-    """Standard deviation of the velocity of a state at rest."""
+    """Standard deviation of the velocity of a state at rest. A body whose velocity by the IMU
+    changes by more than three of them does not rest."""
     pose_sigma: float = number(3e-3, "rad, m", 1e-6, 1.0)
-    """Standard deviation of the motion since the first state of a rest."""
+    """Standard deviation of the motion since the first state of a rest. A body that turns by more
+    than three of them, by the IMU, does not rest."""
     settle_time: float = number(0.15, "s", 0.0, 10.0)
     """States closer to the end of a rest get no such factors: they may have begun to move."""
     solve_interval: float = number(0.8, "s", 0.01, 60.0)

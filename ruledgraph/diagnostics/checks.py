@@ -14,6 +14,7 @@ from ruledgraph.calibration.sensors import Calibration, CameraModel, ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import DEFAULTS
 from ruledgraph.core.measurements import Frame, ImuSample
+from ruledgraph.imu.rest import imu_rests
 
 _GRAVITY = 9.81
 # Hz; below these the motion between two measurements is guessed.
@@ -26,10 +27,8 @@ _LOSS, _MOST_LOST = 1.6, 0.02
 _REGULAR = 0.25
 # Readings in a row that are the same to the last bit, or at the largest value of their axis.
 _HANGS, _SATURATES = 8, 4
-# A body rests where rates and specific forces vary by less over so many seconds (rad/s, m/s^2).
+# Noise at rest is looked at where the body rests for so long, s.
 _REST = 1.0
-_STILL = np.repeat([DEFAULTS.rest.gyroscope_sigma, DEFAULTS.rest.accelerometer_sigma], 3)
-_START = 0.4
 # m/s^2; what gravity may be off by at rest.
 _GRAVITY_ERROR = 0.3
 _LARGE_GYROSCOPE_BIAS = 0.1
@@ -186,8 +185,8 @@ def _motion(times: FloatArray, imu: FloatArray, noise: ImuNoise | None) -> Itera
         )
     else:
         yield Finding(True, f"it moves: the specific force changes by up to {moving:.3g} m/s^2")
-    begin = times < times[0] + _START
-    if np.all(imu[begin].std(axis=0) < _STILL):
+    begin = times < times[0] + DEFAULTS.rest.duration
+    if imu_rests(times[begin], imu[begin], DEFAULTS.rest):
         yield Finding(True, "it starts at rest")
     else:
         yield Finding(
@@ -210,8 +209,9 @@ def rests(times: FloatArray, imu: FloatArray) -> NDArray[np.bool_]:
     edges = np.searchsorted(times, np.arange(times[0], times[-1], _REST))
     for first, last in itertools.pairwise(edges.tolist()):
         # A gap shows no rest.
-        if last - first > 10 and np.all(imu[first:last].std(axis=0) < _STILL):
-            resting[first:last] = True
+        part = slice(first, last)
+        if last - first > 10 and imu_rests(times[part], imu[part], DEFAULTS.rest):
+            resting[part] = True
     return resting
 
 

@@ -126,11 +126,10 @@ class IntegrityMonitor:
         """Take in the newest state, optimised, and whether the body has been at rest until then."""
         node = window.newest
         disagreed = self.disagree
-        jumped = window.jump_test is not None and window.jump_test.jumped
-        self._imu.update(window.innovation, node.time, self._of_innovations, jumped)
+        self._imu.update(window.innovation, node.time, self._of_innovations, window.jumped)
         for factor in (self._variance, self._of_innovations):
             factor.update(window.innovation, node.time)
-        if window.jump_test is not None and not jumped:
+        if window.jump_test is not None and not window.jumped:
             before = window.intervals[-1].node.time
             self._of_jumps.update(Innovation(window.jump_test.ratio, JUMP_DOF, before), node.time)
         self._lines.update(window, still)

@@ -10,10 +10,11 @@ from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import RestConfig
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.frame_history import EARLY, FrameHistory
+from ruledgraph.imu.rest import imu_rests
 
 
 class RestDetector:
-    """Compares the IMU's variation and the image's motion with what rest shows.
+    """Compares the motion by the IMU, and that of the image, with what rest shows.
 
     Args:
         imu: the samples.
@@ -43,16 +44,15 @@ class RestDetector:
             rests_since: since when they have, as far as it is known: slow motion shows only then.
         """
         begin = time - self._config.duration
-        if rests_since is not None:
-            begin = min(begin, max(rests_since, self._frames.first.time))
         if not self._imu.covers(begin, time):
             return False
         samples = self._imu.between(begin, time)
-        return bool(
-            samples.gyroscope.std(axis=0).max() < self._config.gyroscope_sigma
-            and samples.accelerometer.std(axis=0).max() < self._config.accelerometer_sigma
-            and self.image_motion(begin) < self._config.image_motion_px
-        )
+        readings = np.hstack([samples.gyroscope, samples.accelerometer])
+        if not imu_rests(samples.times, readings, self._config):
+            return False
+        if rests_since is not None:
+            begin = min(begin, max(rests_since, self._frames.first.time))
+        return self.image_motion(begin) < self._config.image_motion_px
 
     def image_motion(self, since: float) -> float:
         """How far the image moved since a time, px; inf where that is not known."""

@@ -127,14 +127,14 @@ class TrajectorySegment:
         frames = self._stages.sensors.frames.after(self.window.newest.time)
         time, solved = frames[-1].time, self.window.solved
         still = self._stages.rest.is_still(time, self.window.rests_since)
-        idle = still and self.confirmed and time - solved < self._idle_interval - EARLY
         moved = self.state.position() - self.window.newest.state.position()
-        if idle and self._stages.rest.is_unmoved(solved, moved):
-            self._extend(frames, still, observe_lines=False)
+        idle = still and self.confirmed and time - solved < self._idle_interval - EARLY
+        idle = idle and self._stages.rest.is_unmoved(solved, moved)
+        self._extend(frames, still, observe_lines=not idle)
+        if idle and not self.window.jumped:
             self._propagator.reset()
             self.state = self.window.newest.state
         else:
-            self._extend(frames, still)
             self._optimize()
 
     def _add_state(self, frames: Sequence[FrameTime]) -> None:
