@@ -31,7 +31,7 @@ class JumpTest(NamedTuple):
 
     ratio: float
     """Log of the likelihood ratio, doubled: without a jump, but for the loss, a chi-square of six
-    degrees of freedom at most, times the variance factor."""
+    degrees of freedom at most (of `rest_jump` three), times the variance factor."""
     jump: FloatArray
     """The most likely one, accelerometer first, (6,)."""
     jumped: bool

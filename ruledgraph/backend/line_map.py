@@ -20,6 +20,7 @@ from ruledgraph.backend.line_factors import EdgeModel, observation
 from ruledgraph.backend.line_fit import line_fit
 from ruledgraph.backend.line_graph_builder import ImpossibleLineError, LineGraphBuilder
 from ruledgraph.backend.line_weights import LineWeights
+from ruledgraph.backend.rest_factors import rests_throughout
 from ruledgraph.backend.start import Start
 from ruledgraph.backend.states import Interval, LineObservation
 from ruledgraph.calibration.sensors import Calibration
@@ -69,7 +70,7 @@ class LineMap:
         parallax shows how far away a new line is: it waits, unless there are none yet.
         """
         distance, newest = self._usual_distance(), intervals[-1]
-        rests = all(interval.still for interval in intervals)
+        rests = rests_throughout(intervals)
         waits = rests and bool(self.lines)
         for track in tracks:
             line = self.lines.get(track.id)

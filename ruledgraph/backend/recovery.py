@@ -8,6 +8,7 @@ from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_distance import usual_distance
 from ruledgraph.backend.line_factors import new_line_factors
+from ruledgraph.backend.rest_factors import rests_throughout
 from ruledgraph.backend.self_calibration import add_self_calibration
 from ruledgraph.backend.states import Interval, StateNode, joint_prior
 from ruledgraph.core.config import Config
@@ -37,7 +38,7 @@ def rebuilt(
         add_self_calibration(update, interval, before, config)
     kept = {id(line): line.inverse_distance() for line in lines}
     distance = usual_distance(kept.values(), config.lines.prior_distance)
-    rests = all(interval.still for interval in intervals)
+    rests = rests_throughout(intervals)
     for interval in intervals:
         for factor in interval.imu_factors:
             # A rest's first state may have left.

@@ -19,6 +19,11 @@ def resting(intervals: Sequence[Interval]) -> list[Interval]:
     return list(takewhile(lambda interval: interval.still, reversed(intervals)))
 
 
+def rests_throughout(intervals: Sequence[Interval]) -> bool:
+    """Whether the body rests all the window long."""
+    return all(interval.still for interval in intervals)
+
+
 def rest_factors(
     intervals: Sequence[Interval], now: float, config: RestConfig
 ) -> list[gtsam.NonlinearFactor]:

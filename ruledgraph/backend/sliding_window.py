@@ -134,7 +134,7 @@ class Window:
             still: whether the body has rested since the newest state, and for some time.
             offset_correction: what was added to the calibration's time offset in `times`, s.
             jump_limit: from which likelihood ratio on the biases jump, see `bias_jump`; inf: they
-                do not, at rest neither (`rest_jump`).
+                do not, nor at rest (`rest_jump`).
         """
         before, latest = self.newest, self._states.latest_interval
         repeats_frame = False

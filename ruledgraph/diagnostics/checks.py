@@ -208,8 +208,8 @@ def rests(times: FloatArray, imu: FloatArray) -> NDArray[np.bool_]:
     resting = np.zeros(len(times), dtype=bool)
     edges = np.searchsorted(times, np.arange(times[0], times[-1], _REST))
     for first, last in itertools.pairwise(edges.tolist()):
-        # A gap shows no rest.
         part = slice(first, last)
+        # A gap shows no rest.
         if last - first > 10 and imu_rests(times[part], imu[part], DEFAULTS.rest):
             resting[part] = True
     return resting
