@@ -188,11 +188,13 @@ class Odometry(Output):
         if segment is None:
             with self.timings.measured("start"):
                 due = segments.try_start(now)
-        elif due:
-            with self.timings.measured("smoother"):
-                segment.advance()
-            if not segments.continues(segment, now):
-                return
+        else:
+            segment.rest.look(segment.window, now.time)
+            if due:
+                with self.timings.measured("smoother"):
+                    due = segment.advance()
+                if due and not segments.continues(segment, now):
+                    return
         if segments.current is not None:
             segments.last_status = segments.current.report(now, lines, due)
         self._stages.forget(now.time - self._kept)

@@ -24,22 +24,19 @@ def rests_throughout(intervals: Sequence[Interval]) -> bool:
     return all(interval.still for interval in intervals)
 
 
-def rest_factors(
-    intervals: Sequence[Interval], now: float, config: RestConfig
-) -> list[gtsam.NonlinearFactor]:
-    """Factors of a rest that lasts until the newest state, at time `now`, on the newest of its
-    states that is old enough: zero velocity, and no motion since the first state of the rest. They
-    are also added to that state's interval.
+def rest_factors(intervals: Sequence[Interval], config: RestConfig) -> list[gtsam.NonlinearFactor]:
+    """Factors of the newest state, at the end of a rest that goes on: zero velocity, and no motion
+    since the first state of the rest. They are also added to the newest interval.
     """
     rest = resting(intervals)
-    middle = next((part for part in rest if part.node.time <= now - config.settle_time), None)
-    if middle is None:
+    if not rest:
         return []
-    first, k = rest[-1].node.index, middle.node.index
+    first, k = rest[-1].node.index, rest[0].node.index + 1
     slow = noiseModel.Isotropic.Sigma(3, config.velocity_sigma)
-    factors: list[gtsam.NonlinearFactor] = [gtsam.PriorFactorVector(V(k), np.zeros(3), slow)]
-    if k > first:
-        near = noiseModel.Isotropic.Sigma(6, config.pose_sigma)
-        factors.append(gtsam.BetweenFactorPose3(X(first), X(k), gtsam.Pose3(), near))
-    middle.imu_factors += factors
+    near = noiseModel.Isotropic.Sigma(6, config.pose_sigma)
+    factors: list[gtsam.NonlinearFactor] = [
+        gtsam.PriorFactorVector(V(k), np.zeros(3), slow),
+        gtsam.BetweenFactorPose3(X(first), X(k), gtsam.Pose3(), near),
+    ]
+    rest[0].imu_factors += factors
     return factors

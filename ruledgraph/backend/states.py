@@ -104,8 +104,15 @@ class Interval:
         """Estimate of T(k), see `TimeOffsetState`: frames are so much later than in `motion`, s."""
         return 0.0 if self.time_offset is None else self.time_offset.residual_offset
 
+    @property
+    def is_rest_despite_imu(self) -> bool:
+        """Whether the body rested, and the IMU is unreliable or its biases jumped."""
+        return self.still and not self.is_reliable
+
     def poses(self) -> list[gtsam.Pose3]:
         """world_T_body of its frames, computed anew when the node's state is replaced."""
+        if self.is_rest_despite_imu:
+            return [self.node.state.pose()] * len(self.stamps)
         cached, node = self._cached_poses, self.node
         if cached is None or cached[0] is not node.state:
             poses = self.motion.poses(

@@ -67,7 +67,12 @@ class RestDetector:
         nor the body, by the IMU since the newest state (`moved`, (3,), m), further than by noise.
         """
         by_noise = bool(np.all(np.abs(moved) < 3.0 * self._config.pose_sigma))
-        return by_noise and self.image_motion(since) < self._config.unmoved_px
+        return by_noise and self.image_is_unmoved(since)
+
+    def image_is_unmoved(self, since: float) -> bool:
+        """Whether the image has not moved since a time (s), or since the first frame kept."""
+        begin = max(since, self._frames.first.time)
+        return self.image_motion(begin) < self._config.unmoved_px
 
     def image_rests(self) -> bool:
         """Whether the image has rested until the last frame; without frames to compare it may."""

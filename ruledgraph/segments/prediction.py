@@ -26,9 +26,9 @@ def predicted(
         before_R_body = rotation_between(sensors.imu, before.time, now.time)
         R = body_R_cam.matrix().T @ before_R_body.matrix().T @ body_R_cam.matrix()
         return Predicted(CameraMotion(R, elapsed, body_T_cam, body_T_cam), {})
-    body_T_cam = segment.body_T_cam
-    world_T_before = segment.state.pose().compose(body_T_cam)
-    world_T_cam = segment.predict(now.time).pose().compose(body_T_cam)
+    body_T_cam, rest, window = segment.body_T_cam, segment.rest, segment.window
+    world_T_before = rest.held(segment.state.pose(), window).compose(body_T_cam)
+    world_T_cam = rest.held(segment.predict(now.time).pose(), window).compose(body_T_cam)
     R = world_T_cam.between(world_T_before).rotation().matrix()
     motion = CameraMotion(R, elapsed, world_T_before, world_T_cam)
     return Predicted(motion, segment.predicted_lines(now.time))

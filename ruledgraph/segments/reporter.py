@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import gtsam
+import numpy as np
 
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.sliding_window import Window
@@ -175,8 +176,12 @@ class EstimateReporter:
     def _states(self, interval: Interval) -> list[_FrameState]:
         """Of an interval's frames, without one that repeats the interval before."""
         node, motion = interval.node, interval.motion
-        covariances = propagated_covariances(node, motion, self._imu, self._noise)
-        velocities = motion.velocities(node.state, node.bias, interval.gravity)
+        if interval.is_rest_despite_imu:
+            covariances = np.tile(node.covariance, (len(motion), 1, 1))
+            velocities = np.tile(node.state.velocity(), (len(motion), 1))
+        else:
+            covariances = propagated_covariances(node, motion, self._imu, self._noise)
+            velocities = motion.velocities(node.state, node.bias, interval.gravity)
         states = zip(interval.stamps, interval.poses(), velocities, covariances, strict=True)
         found = [_FrameState(*state) for state in states]
         if self._middle_row_delay:

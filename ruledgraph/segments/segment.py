@@ -17,6 +17,7 @@ from ruledgraph.imu.propagation import ImuPropagator
 from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState
 from ruledgraph.integrity.monitor import IntegrityMonitor
 from ruledgraph.segments.reporter import EstimateReporter
+from ruledgraph.segments.rest_phase import RestPhase
 from ruledgraph.segments.stages import Stages
 
 
@@ -69,7 +70,7 @@ class TrajectorySegment:
         """Of the latest frame."""
         self.last_reliable = last_reliable
         """Its last state whose lines fitted, or that of the segment before."""
-        self._still = False
+        self.rest = RestPhase(stages.rest, config)
         self._last_lines = frames[-1].time
         pending: list[FrameTime] = []
         for frame in frames[1:]:
@@ -89,12 +90,8 @@ class TrajectorySegment:
     @property
     def detection_interval(self) -> float:
         """How often new lines are looked for, s."""
-        return self._idle_interval if self._still else self._config.tracks.detection_interval
-
-    @property
-    def _idle_interval(self) -> float:
-        """At rest new lines are looked for, and the window is solved, this often, s."""
-        return min(self._config.window.lag / 2.0, self._config.rest.solve_interval)
+        at_rest, otherwise = self.rest.interval, self._config.tracks.detection_interval
+        return at_rest if self.rest.of_state else otherwise
 
     def predict(self, time: float) -> gtsam.NavState:
         """Carry the state on to a time (s) after the newest node, by the IMU."""
@@ -114,35 +111,36 @@ class TrajectorySegment:
 
     def _is_motion_unreliable(self, time: float) -> bool:
         """Whether the IMU was unreliable in the last interval or since."""
-        intervals = self.window.intervals
+        intervals, imu = self.window.intervals, self._stages.sensors.imu
         unreliable = bool(intervals) and not intervals[-1].is_reliable
-        return unreliable or bool(
-            self._stages.sensors.imu.unreliable(self.window.newest.time, time)
-        )
+        return unreliable or bool(imu.unreliable(self.window.newest.time, time))
 
     # -- afterwards ------------------------------------------------------------------------------
 
-    def advance(self) -> None:
-        """Add a state at the last of the frames that follow the newest one, and solve."""
-        frames = self._stages.sensors.frames.after(self.window.newest.time)
-        time, solved = frames[-1].time, self.window.solved
-        still = self._stages.rest.is_still(time, self.window.rests_since)
-        moved = self.state.position() - self.window.newest.state.position()
-        idle = still and self.confirmed and time - solved < self._idle_interval - EARLY
-        idle = idle and self._stages.rest.is_unmoved(solved, moved)
-        self._extend(frames, still, observe_lines=not idle)
+    def advance(self) -> bool:
+        """Add a state at the last of the frames that follow the newest one, and solve; False, and
+        nothing done, while it is open whether a rest goes on.
+        """
+        newest, rest = self.window.newest, self.rest
+        frames = self._stages.sensors.frames.after(newest.time)
+        time, moved = frames[-1].time, self.state.position() - newest.state.position()
+        if rest.is_open:
+            return False
+        idle = rest.goes_on and self.confirmed and rest.is_idle(self.window, time, moved)
+        self._extend(frames, observe_lines=not idle)
         if idle and not self.window.jumped:
             self._propagator.reset()
             self.state = self.window.newest.state
         else:
             self._optimize()
+        return True
 
     def _add_state(self, frames: Sequence[FrameTime]) -> None:
-        rests_since = self.window.rests_since
-        self._extend(frames, self._stages.rest.is_still(frames[-1].time, rests_since))
+        self.rest.look(self.window, frames[-1].time)
+        self._extend(frames)
 
-    def _extend(self, frames: Sequence[FrameTime], still: bool, observe_lines: bool = True) -> None:
-        self._still = still
+    def _extend(self, frames: Sequence[FrameTime], observe_lines: bool = True) -> None:
+        still = self.rest.of_state = self.rest.goes_on
         sensors, front_end = self._stages.sensors, self._stages.front_end
         stamps, times = [f.stamp for f in frames], [f.time for f in frames]
         tracks = front_end.observed() if observe_lines else []
@@ -155,7 +153,7 @@ class TrajectorySegment:
         self._reporter.smoothed(window, window.optimize(), clock.offset)
         self._reporter.lines(window.line_map.take_retired())
         self._stages.front_end.reject(window.line_map.take_rejected())
-        self.monitor.update(window, self._still)
+        self.monitor.update(window, self.rest.of_state)
         self._propagator.reset()
         self.state = window.newest.state
         reliable = self.confirmed and not self.monitor.disagree
@@ -180,12 +178,14 @@ class TrajectorySegment:
 
     def report(self, frame: FrameTime, lines: int, at_state: bool) -> Status:
         """Hand out the live estimate of a frame in which so many lines of the graph were seen."""
-        clock, pose, velocity = self._stages.clock, self.state.pose(), self.state.velocity()
-        of_window = blocks(self._propagator.covariance(self.window.newest, frame.time))
+        window, offset = self.window, self._stages.clock.offset
+        propagated = blocks(self._propagator.covariance(window.newest, frame.time))
+        self.state, of_window = self.rest.estimate(window, self.state, propagated)
+        pose, velocity = self.state.pose(), self.state.velocity()
         covariances = self.monitor.covariances(of_window, pose, velocity)
         status = self._status(frame.time, lines)
         estimate = self._reporter.live(
-            self.window, frame, self.state, covariances, status, lines, at_state, clock.offset
+            window, frame, self.state, covariances, status, lines, at_state, offset
         )
         if not self.monitor.misfits:  # else it may be lost since then
             self.last_reliable = ReliableState(frame.time, pose, velocity, estimate.covariances)
@@ -199,7 +199,7 @@ class TrajectorySegment:
         degraded = self._stages.sensors.imu.was_degraded(time)
         if degraded or self.monitor.disagree or self._is_motion_unreliable(time):
             return "degraded"
-        if self._still:
+        if self.rest.goes_on:
             return "still"
         if time - self._last_lines > limits.lines_missing_time or self.monitor.parallel:
             return "dead reckoning"

@@ -99,3 +99,39 @@ def test_a_rest_that_the_imu_denies_is_solved_at_each_state(monkeypatch):
     assert np.diff(while_rising) == pytest.approx(0.2, abs=0.05)
     assert any("images and IMU disagree" in warning for warning in odometry.warnings)
     assert "degraded" in {e.status for e in live if 3.5 < e.time < 4.5}
+
+
+def lifted(stream: list[Measurement], since: float, acceleration: float) -> list[Measurement]:
+    """In a lift that sets off with so much, m/s^2."""
+    return [
+        m._replace(accelerometer=m.accelerometer + np.array([0.0, 0.0, acceleration]))
+        if isinstance(m, ImuSample) and m.stamp >= since * 1e9
+        else m
+        for m in stream
+    ]
+
+
+@pytest.mark.parametrize(("since", "acceleration"), [(3.0, 1.0), (3.05, 0.5), (3.13, -1.0)])
+def test_where_the_imu_alone_ends_a_rest_both_is_possible_until_the_image_shows_it(
+    since, acceleration
+):
+    """And the estimate is back where the body has been all the time."""
+    stream = lifted(resting_stream(5.0), since, acceleration)
+    odometry, live, smoothed = run(stream, small_stream()[1])
+    rest = live[-1].world_T_body
+    open_until = since + 0.5  # until 0.4 s by the IMU are those of a rest, and the next frame
+    for estimate in live:
+        if since + 0.03 < estimate.time < since + 0.35:
+            assert estimate.status in ("tracking", "degraded")
+        if not since < estimate.time < open_until:
+            assert np.linalg.norm(estimate.world_T_body.localCoordinates(rest)) < 2e-3
+        error = estimate.world_T_body.localCoordinates(rest)
+        assert error @ np.linalg.solve(estimate.covariances[0], error) < 2.0
+        velocity, of_velocity = estimate.velocity, estimate.covariances[1]
+        assert velocity @ np.linalg.solve(of_velocity, velocity) < 2.0
+    assert live[-1].status == "still"
+    for estimate in smoothed:
+        assert np.linalg.norm(estimate.world_T_body.localCoordinates(rest)) < 2e-3
+        assert np.linalg.norm(estimate.velocity) < 5e-3
+    assert live[-1].bias.accelerometer()[2] == pytest.approx(acceleration, abs=0.1)
+    assert odometry.recoveries == []
