@@ -21,7 +21,8 @@ from ruledgraph.segments.prediction import predicted
 from ruledgraph.segments.sequence import SegmentSequence
 from ruledgraph.segments.stages import Stages
 
-# Measurements are kept this much longer than the window, s: more than a late frame needs.
+# Measurements are kept this much longer than the window and the longest time without a solution,
+# s: more than a late frame needs.
 _SPARE = 0.5
 # s; the points of a rolling shutter are turned by the gyroscope of their rows' times. By so little
 # it matters little: hands turn a camera by 10 rad/s^2, over 10 ms of rows that is 0.2 px.
@@ -44,7 +45,8 @@ class Odometry(Output):
         calibration = replace(calibration, imu_noise=calibration.imu_noise.at_least(*least))
         self._stages = Stages.build(calibration, config, self)
         self._segments = SegmentSequence(calibration, config, self._stages)
-        self._kept = config.window.lag + _SPARE
+        unsolved = config.rest.solve_interval + 2.0 * config.rest.duration
+        self._kept = config.window.lag + unsolved + _SPARE
         self._kept_frames: deque[Frame] = deque()
 
     @property
@@ -189,7 +191,7 @@ class Odometry(Output):
             with self.timings.measured("start"):
                 due = segments.try_start(now)
         else:
-            segment.rest.look(segment.window, now.time)
+            segment.look(now.time)
             if due:
                 with self.timings.measured("smoother"):
                     due = segment.advance()

@@ -69,7 +69,7 @@ class LineMap:
         Observations that are `made` were `compared`. While the body rests, all the window long, no
         parallax shows how far away a new line is: it waits, unless there are none yet.
         """
-        distance, newest = self._usual_distance(), intervals[-1]
+        distance, newest = self.usual_distance(), intervals[-1]
         rests = rests_throughout(intervals)
         waits = rests and bool(self.lines)
         for track in tracks:
@@ -103,7 +103,8 @@ class LineMap:
             if seen[0]
         }
 
-    def _usual_distance(self) -> float:
+    def usual_distance(self) -> float:
+        """That a new line is expected at, m."""
         known = [line.inverse_distance() for line in self.lines.values()]
         return usual_distance(
             known + self._builder.initial_distances(), self._config.prior_distance

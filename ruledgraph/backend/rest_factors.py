@@ -24,19 +24,29 @@ def rests_throughout(intervals: Sequence[Interval]) -> bool:
     return all(interval.still for interval in intervals)
 
 
-def rest_factors(intervals: Sequence[Interval], config: RestConfig) -> list[gtsam.NonlinearFactor]:
-    """Factors of the newest state, at the end of a rest that goes on: zero velocity, and no motion
-    since the first state of the rest. They are also added to the newest interval.
+def rest_factors(
+    intervals: Sequence[Interval], now: float, config: RestConfig
+) -> list[gtsam.NonlinearFactor]:
+    """Factors of a rest that lasts until the newest state, at time `now`, on the newest of its
+    states that is old enough: zero velocity, and no motion since the first state of the rest. They
+    are also added to the interval that ends there, or begins.
+
+    Where the IMU was not relied on in one of the last two intervals they are on the newest state:
+    the biases are hardly known.
     """
     rest = resting(intervals)
-    if not rest:
-        return []
-    first, k = rest[-1].node.index, rest[0].node.index + 1
+    if any(interval.is_rest_despite_imu for interval in rest[:2]):
+        part, k = rest[0], rest[0].node.index + 1
+    else:
+        middle = next((part for part in rest if part.node.time <= now - config.settle_time), None)
+        if middle is None:
+            return []
+        part, k = middle, middle.node.index
+    first = rest[-1].node.index
     slow = noiseModel.Isotropic.Sigma(3, config.velocity_sigma)
-    near = noiseModel.Isotropic.Sigma(6, config.pose_sigma)
-    factors: list[gtsam.NonlinearFactor] = [
-        gtsam.PriorFactorVector(V(k), np.zeros(3), slow),
-        gtsam.BetweenFactorPose3(X(first), X(k), gtsam.Pose3(), near),
-    ]
-    rest[0].imu_factors += factors
+    factors: list[gtsam.NonlinearFactor] = [gtsam.PriorFactorVector(V(k), np.zeros(3), slow)]
+    if k > first:
+        near = noiseModel.Isotropic.Sigma(6, config.pose_sigma)
+        factors.append(gtsam.BetweenFactorPose3(X(first), X(k), gtsam.Pose3(), near))
+    part.imu_factors += factors
     return factors

@@ -173,7 +173,7 @@ class Window:
         self._predictions.carry_on(interval, new.time, imu, self._imu_noise)
         self._states.append(interval, new)
         self._update.insert(new)
-        for factor in rest_factors(self.intervals, self._config.rest):
+        for factor in rest_factors(self.intervals, new.time, self._config.rest):
             self._update.factors.add(factor)
         self.line_map.observe(tracks, self.intervals, new.time, self._update, seen)
 

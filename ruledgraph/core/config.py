@@ -208,6 +208,11 @@ class RestConfig(Section):
     pose_sigma: float = number(3e-3, "rad, m", 1e-6, 1.0)
     """Standard deviation of the motion since the first state of a rest. A body that turns by more
     than three of them, by the IMU, does not rest."""
+    settle_time: float = number(0.15, "s", 0.0, 10.0)
+    """States closer to the end of a rest get no such factors: they may have begun to move."""
+    confidence: float = number(0.95, "", 0.5, 0.9999)
+    """A rest that the IMU denies goes on where lines that have not moved say so: of this test of
+    rival hypotheses."""
     solve_interval: float = number(0.8, "s", 0.01, 60.0)
     """At rest the window is solved, and new lines are looked for, this often ..."""
     unmoved_px: float = number(0.2, "px", 0.0, 10.0)

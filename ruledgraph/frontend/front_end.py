@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import EdgesConfig, TracksConfig
 from ruledgraph.core.line_observations import LinePrediction, LineTrack
 from ruledgraph.core.measurements import Frame
@@ -99,9 +100,9 @@ class FrontEnd:
         """The tracks as of the last frame, also those that have ended; see `drop_lost`."""
         return self.tracker.observed()
 
-    def image_motion(self, since: int, at_rest: float, min_lines: int) -> float:
-        """See `Tracker.image_motion`."""
-        return self.tracker.image_motion(since, at_rest, min_lines)
+    def lines_moved(self, since: int) -> tuple[FloatArray, FloatArray]:
+        """See `Tracker.lines_moved`."""
+        return self.tracker.lines_moved(since)
 
     def reject(self, ids: Collection[int]) -> None:
         """Follow these tracks no longer, and forget what they saw."""

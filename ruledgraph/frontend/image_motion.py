@@ -39,12 +39,15 @@ def image_motion(lines: FloatArray, moved: FloatArray, at_rest: float, fewest: i
         lines: image lines (a, b, c) with (a, b) of unit length, normalised coordinates, (N, 3).
         moved: how far each moved across itself, (N,), no less than 0.
         at_rest: lines that moved less seem to rest, in the unit of `moved`.
-        fewest: so many lines that move are needed for a motion along the others.
+        fewest: so many lines are needed, and so many that move for a motion along the others.
 
     Returns:
-        The median of `moved`. Where lines that move, and the point through which those that rest
-        pass best, explain that these seem to rest: the median of those that move.
+        The median of `moved`; inf where there are too few. Where lines that move, and the point
+        through which those that rest pass best, explain that these seem to rest: the median of
+        those that move.
     """
+    if len(moved) < max(fewest, 1):
+        return np.inf
     median = float(np.median(moved))
     moving = moved >= at_rest
     resting = lines[~moving]

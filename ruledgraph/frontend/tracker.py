@@ -21,7 +21,7 @@ from ruledgraph.frontend.edge_batch import Edges, Rulings, clipped, search_all, 
 from ruledgraph.frontend.edge_search import scaled_to
 from ruledgraph.frontend.flow_prediction import expect_motion
 from ruledgraph.frontend.gradient import Gradient
-from ruledgraph.frontend.image_motion import image_motion, moved_since
+from ruledgraph.frontend.image_motion import moved_since
 from ruledgraph.frontend.rolling_edges import (
     RowMoves,
     capped_statistics,
@@ -212,14 +212,12 @@ class Tracker:
         same = duplicates(own, own, self._camera.focal_length, self._config)
         self.tracks = [tracks[i] for i in first_of_duplicates(same)]
 
-    def image_motion(self, since: int, at_rest: float, min_lines: int = 1) -> float:
-        """How far lines moved across themselves since a frame, px, see the module `image_motion`;
-        inf if fewer than `min_lines` were seen in it and now. `at_rest`: they moved less, px.
+    def lines_moved(self, since: int) -> tuple[FloatArray, FloatArray]:
+        """Image lines (N, 3) now, normalised coordinates, of those seen in a frame and now, and how
+        far each has moved across itself, (N,), px.
         """
         lines, moved = moved_since([track for track in self.tracks if track.misses == 0], since)
-        if len(moved) < max(min_lines, 1):
-            return np.inf
-        return image_motion(lines, moved * self._camera.focal_length, at_rest, min_lines)
+        return lines, moved * self._camera.focal_length
 
     def start_new(
         self,

@@ -8,6 +8,7 @@ import numpy as np
 
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import RestConfig
+from ruledgraph.frontend.image_motion import image_motion
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.frame_history import EARLY, FrameHistory
 from ruledgraph.imu.rest import imu_rests
@@ -19,7 +20,7 @@ class RestDetector:
     Args:
         imu: the samples.
         frames: their times.
-        image_motion: of the lines since the frame of a stamp, px, see `Tracker.image_motion`.
+        lines_moved: in the image since the frame of a stamp, see `Tracker.lines_moved`.
         config: what rest shows.
     """
 
@@ -27,14 +28,14 @@ class RestDetector:
         self,
         imu: ImuBuffer,
         frames: FrameHistory,
-        image_motion: Callable[[int, float, int], float],
+        lines_moved: Callable[[int], tuple[FloatArray, FloatArray]],
         config: RestConfig,
     ) -> None:
         self._config = config
         self._span = config.duration - EARLY
         self._imu = imu
         self._frames = frames
-        self._image_motion = image_motion
+        self._lines_moved = lines_moved
 
     def is_still(self, time: float, rests_since: float | None = None) -> bool:
         """Whether body and image have rested until a time, for some time.
@@ -51,7 +52,7 @@ class RestDetector:
         if not imu_rests(samples.times, readings, self._config):
             return False
         if rests_since is not None:
-            begin = min(begin, max(rests_since, self._frames.first.time))
+            begin = min(begin, self._kept(rests_since))
         return self.image_motion(begin) < self._config.image_motion_px
 
     def image_motion(self, since: float) -> float:
@@ -60,19 +61,30 @@ class RestDetector:
         if frame is None:
             return np.inf
         config = self._config
-        return self._image_motion(frame.stamp, config.image_motion_px, config.min_lines)
+        moved = self._lines_moved(frame.stamp)
+        return image_motion(*moved, config.image_motion_px, config.min_lines)
 
     def is_unmoved(self, since: float, moved: FloatArray) -> bool:
         """Whether there is nothing to solve for at rest: the image has not moved since a time (s),
         nor the body, by the IMU since the newest state (`moved`, (3,), m), further than by noise.
         """
-        by_noise = bool(np.all(np.abs(moved) < 3.0 * self._config.pose_sigma))
-        return by_noise and self.image_is_unmoved(since)
+        return self.is_noise(moved) and self.image_is_unmoved(since)
+
+    def is_noise(self, moved: FloatArray) -> bool:
+        """Whether a body at rest may seem to move so far, (3,), m."""
+        return bool(np.all(np.abs(moved) < 3.0 * self._config.pose_sigma))
 
     def image_is_unmoved(self, since: float) -> bool:
         """Whether the image has not moved since a time (s), or since the first frame kept."""
-        begin = max(since, self._frames.first.time)
-        return self.image_motion(begin) < self._config.unmoved_px
+        return self.image_motion(self._kept(since)) < self._config.unmoved_px
+
+    def lines_moved(self, since: float) -> tuple[FloatArray, FloatArray]:
+        """Lines and how far each has moved since then, see `Tracker.lines_moved`."""
+        frame = self._frames.at(self._kept(since))
+        return self._lines_moved((frame or self._frames.first).stamp)
+
+    def _kept(self, since: float) -> float:
+        return max(since, self._frames.first.time)
 
     def image_rests(self) -> bool:
         """Whether the image has rested until the last frame; without frames to compare it may."""

@@ -184,7 +184,7 @@ class EstimateReporter:
             velocities = motion.velocities(node.state, node.bias, interval.gravity)
         states = zip(interval.stamps, interval.poses(), velocities, covariances, strict=True)
         found = [_FrameState(*state) for state in states]
-        if self._middle_row_delay:
+        if self._middle_row_delay and not interval.is_rest_despite_imu:
             times = node.time + motion.elapsed + interval.residual_offset
             found = [
                 self._moved_to_stamp(frame, node.bias, time)

@@ -2,15 +2,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Whether the body rests, as a segment goes on, and what need not be done then."""
 
+import math
+from typing import Literal
+
 import gtsam
 import numpy as np
 
 from ruledgraph.backend.sliding_window import Window
-from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Covariances
 from ruledgraph.imu.frame_history import EARLY
 from ruledgraph.integrity.rest import RestDetector
+from ruledgraph.integrity.unmoved_lines import log_odds_of_rest
 
 
 class RestPhase:
@@ -18,39 +21,89 @@ class RestPhase:
 
     A rest ends where the image moves. Where the IMU alone says so it is open for a while: the body
     sets off, and the image will show it, or an acceleration acts on all that is in view as well, as
-    in a lift.
+    in a lift. When the IMU is that of a rest again the motions of lines decide, as soon as they are
+    likely enough for one of the two (`log_odds_of_rest`): a sequential test. After some time they
+    must: without them the body has moved.
 
     Args:
         detector: what image and IMU show.
+        focal_length: px.
         config: all settings.
     """
 
-    def __init__(self, detector: RestDetector, config: Config) -> None:
+    def __init__(self, detector: RestDetector, focal_length: float, config: Config) -> None:
         self._detector = detector
+        self._focal_length = focal_length
+        self._config = config
         self.interval = min(config.window.lag / 2.0, config.rest.solve_interval)
-        """At rest new lines are looked for, and the window is solved, this often, s; so long it may
-        be open whether a rest goes on."""
+        """At rest new lines are looked for, and the window is solved, this often, s."""
         self.of_state = False
         """Whether the body has rested until the newest state, and for some time before."""
         self.goes_on = False
         """Whether it has until the latest frame, as far as that is known."""
         self.is_open = False
         """Whether that is open, after a rest until the newest state."""
+        self._is_denied = False
 
     @property
     def _is_held(self) -> bool:
         """Whether the state of the latest frame is the newest one."""
         return self.of_state and self.goes_on
 
-    def look(self, window: Window, time: float) -> None:
-        """Look at the latest frame, at a time, s."""
-        self.goes_on = self._detector.is_still(time, window.rests_since)
-        self.is_open = (
-            self.of_state
-            and not self.goes_on
-            and time - window.newest.time < self.interval - EARLY
-            and self._detector.image_is_unmoved(window.rests_since)
+    @property
+    def _longest(self) -> float:
+        """A rest is open for so long, s: the IMU shows a rest in half of it."""
+        return 2.0 * self._config.rest.duration
+
+    def look(
+        self,
+        window: Window,
+        time: float,
+        state: gtsam.NavState,
+        body_T_cam: gtsam.Pose3,
+        last: bool = False,
+    ) -> None:
+        """Look at the frame at a time (s), with its state by the IMU; the last one decides."""
+        still = self._detector.is_still(time, window.rests_since)
+        self._is_denied |= not still
+        self.is_open = False
+        if not self.of_state:
+            # That the image shows no motion is no news where the IMU shows none either.
+            moved = state.position() - window.newest.state.position()
+            small = self._detector.is_noise(moved)
+            self.goes_on = still and (small or self._lines_say(window, state, body_T_cam) == "rest")
+        elif not self._is_denied:
+            self.goes_on = True
+        elif not self._detector.image_is_unmoved(window.rests_since):
+            self.goes_on = False
+        else:
+            says = self._lines_say(window, state, body_T_cam)
+            ends = last or time - window.newest.time > self._longest - EARLY
+            self.goes_on = says == "rest" and (still or ends)
+            self.is_open = not (self.goes_on or ends or says == "motion")
+
+    def state_follows(self) -> bool:
+        """A state is made at the latest frame. Returns whether the body has rested until then."""
+        self.of_state, self.is_open, self._is_denied = self.goes_on, False, False
+        return self.of_state
+
+    def _lines_say(
+        self, window: Window, state: gtsam.NavState, body_T_cam: gtsam.Pose3
+    ) -> Literal["rest", "motion", "nothing"]:
+        """Whether the body has stayed or moved as the IMU says, since the newest state."""
+        world_T_cam = state.pose().compose(body_T_cam)
+        before = window.newest.state.pose().compose(body_T_cam)
+        moved_by = world_T_cam.rotation().unrotate(world_T_cam.translation() - before.translation())
+        odds = log_odds_of_rest(
+            *self._detector.lines_moved(window.rests_since),
+            self._focal_length * moved_by,
+            window.line_map.usual_distance(),
+            self._config.lines.prior_distance_factor,
         )
+        needed = -math.log1p(-self._config.rest.confidence)
+        if abs(odds) < needed:
+            return "nothing"
+        return "rest" if odds > 0.0 else "motion"
 
     def held(self, pose: gtsam.Pose3, window: Window) -> gtsam.Pose3:
         """A pose since the newest state, without the way by the IMU while the image has not moved:
@@ -60,11 +113,10 @@ class RestPhase:
             return gtsam.Pose3(pose.rotation(), window.newest.state.position())
         return pose
 
-    def is_idle(self, window: Window, time: float, moved: FloatArray) -> bool:
-        """Whether there is nothing to solve for at a time (s) of rest, `moved` (3,), m, since the
-        newest state by the IMU.
-        """
+    def is_idle(self, window: Window, time: float, state: gtsam.NavState) -> bool:
+        """Whether there is nothing to solve for at a time (s) of rest, with a state by the IMU."""
         recent = time - window.solved < self.interval - EARLY
+        moved = state.position() - window.newest.state.position()
         return recent and self._detector.is_unmoved(window.solved, moved)
 
     def estimate(
@@ -72,18 +124,18 @@ class RestPhase:
     ) -> tuple[gtsam.NavState, Covariances]:
         """State and covariances of the latest frame, of what the IMU makes of the newest state.
 
-        At rest they are those of the newest state. While it is open whether the rest goes on the
-        covariances hold in both cases:
+        At rest the state is the newest one; while it is open whether the rest goes on it is the
+        IMU's. The covariances hold for both,
 
             P + x x^T,    x = Log(T^-1 T_rest) of the pose, -v of the velocity,
 
-        is no less than the covariance, about this state, of either case and of any mixture.
+        where P is no less than that of the newest state: about one of them, as if it were the other
+        or any mixture.
         """
-        newest = window.newest
-        if self._is_held:
-            return newest.state, newest.covariances
-        if not self.is_open:
+        newest = window.newest.state
+        if not (self._is_held or self.is_open):
             return state, covariances
         of_pose, of_velocity, of_bias = covariances
-        x, v = state.pose().localCoordinates(newest.state.pose()), state.velocity()
-        return state, (of_pose + np.outer(x, x), of_velocity + np.outer(v, v), of_bias)
+        x, v = state.pose().localCoordinates(newest.pose()), state.velocity() - newest.velocity()
+        both = of_pose + np.outer(x, x), of_velocity + np.outer(v, v), of_bias
+        return (newest if self._is_held else state), both

@@ -70,13 +70,14 @@ class TrajectorySegment:
         """Of the latest frame."""
         self.last_reliable = last_reliable
         """Its last state whose lines fitted, or that of the segment before."""
-        self.rest = RestPhase(stages.rest, config)
+        self.rest = RestPhase(stages.rest, calibration.camera.focal_length, config)
         self._last_lines = frames[-1].time
         pending: list[FrameTime] = []
         for frame in frames[1:]:
             pending.append(frame)
             if self.is_state_due(frame.time) or frame is frames[-1]:
-                self._add_state(pending)
+                self.look(frame.time)
+                self._extend(pending)
                 pending = []
         if len(frames) > 1:
             self._optimize()
@@ -121,12 +122,11 @@ class TrajectorySegment:
         """Add a state at the last of the frames that follow the newest one, and solve; False, and
         nothing done, while it is open whether a rest goes on.
         """
-        newest, rest = self.window.newest, self.rest
-        frames = self._stages.sensors.frames.after(newest.time)
-        time, moved = frames[-1].time, self.state.position() - newest.state.position()
+        rest, window = self.rest, self.window
+        frames = self._stages.sensors.frames.after(window.newest.time)
         if rest.is_open:
             return False
-        idle = rest.goes_on and self.confirmed and rest.is_idle(self.window, time, moved)
+        idle = rest.goes_on and self.confirmed and rest.is_idle(window, frames[-1].time, self.state)
         self._extend(frames, observe_lines=not idle)
         if idle and not self.window.jumped:
             self._propagator.reset()
@@ -135,12 +135,12 @@ class TrajectorySegment:
             self._optimize()
         return True
 
-    def _add_state(self, frames: Sequence[FrameTime]) -> None:
-        self.rest.look(self.window, frames[-1].time)
-        self._extend(frames)
+    def look(self, time: float, last: bool = False) -> None:
+        """Whether the body rests at a frame, or at the last one, at a time, s."""
+        self.rest.look(self.window, time, self.state, self.body_T_cam, last)
 
     def _extend(self, frames: Sequence[FrameTime], observe_lines: bool = True) -> None:
-        still = self.rest.of_state = self.rest.goes_on
+        still = self.rest.state_follows()
         sensors, front_end = self._stages.sensors, self._stages.front_end
         stamps, times = [f.stamp for f in frames], [f.time for f in frames]
         tracks = front_end.observed() if observe_lines else []
@@ -179,8 +179,8 @@ class TrajectorySegment:
     def report(self, frame: FrameTime, lines: int, at_state: bool) -> Status:
         """Hand out the live estimate of a frame in which so many lines of the graph were seen."""
         window, offset = self.window, self._stages.clock.offset
-        propagated = blocks(self._propagator.covariance(window.newest, frame.time))
-        self.state, of_window = self.rest.estimate(window, self.state, propagated)
+        by_imu = self.state, blocks(self._propagator.covariance(window.newest, frame.time))
+        self.state, of_window = self.rest.estimate(window, *by_imu)
         pose, velocity = self.state.pose(), self.state.velocity()
         covariances = self.monitor.covariances(of_window, pose, velocity)
         status = self._status(frame.time, lines)
@@ -211,7 +211,8 @@ class TrajectorySegment:
         left = self._stages.sensors.frames.after(window.newest.time)
         if window.is_plausible():
             if left:
-                self._add_state(left)
+                self.look(left[-1].time, last=True)
+                self._extend(left)
             if window.intervals and window.newest.time > window.solved:
                 self._optimize()
             window.read_smoothed_covariances()

@@ -29,7 +29,7 @@ class Stages(NamedTuple):
         """Those of an odometry with this output."""
         sensors = Synchronizer(calibration, output.warnings, config.imu)
         front_end = FrontEnd(calibration.camera, config.edges, config.tracks, output.timings)
-        rest = RestDetector(sensors.imu, sensors.frames, front_end.image_motion, config.rest)
+        rest = RestDetector(sensors.imu, sensors.frames, front_end.lines_moved, config.rest)
         sensors.image_rests = rest.image_rests
         given = calibration.time_offset
         clock = CameraClock(sensors, given, config.time_offset, output.warnings)

@@ -68,6 +68,7 @@ ALLOWED = {
     "imu/image_input.py": dict.fromkeys(
         ("_MANY_CLOSE", "_CLOSE"), "tells a wrong unit from stamps that scatter"
     ),
+    "integrity/unmoved_lines.py": {"_NOISE": "how well lines of real images are found"},
     "imu/rest.py": {"_FEWEST": "two readings, less their mean, have no integral"},
     "imu/synchronizer.py": {"_UNRELATED": "chooses the words of a warning"},
 }

@@ -8,6 +8,7 @@ from edge_images import CAMERA, edge_image, line_through
 from ruledgraph.core.config import EdgesConfig, TracksConfig
 from ruledgraph.frontend.edge_batch import Rulings
 from ruledgraph.frontend.gradient import Gradient
+from ruledgraph.frontend.image_motion import image_motion
 from ruledgraph.frontend.ruling_prediction import by_rotation
 from ruledgraph.frontend.tracker import Tracker
 from ruledgraph_factors import GeometricPoints
@@ -126,7 +127,7 @@ def test_motion_of_the_image_is_that_across_lines_since_a_frame():
     tracker = Tracker(CAMERA, EdgesConfig(), TracksConfig())
     lines = LEVEL, STEEP, np.array([[-0.1, 0.35], [0.35, 0.2]])
     assert len(started(tracker, scene(*lines), *lines)) == 3
-    assert tracker.image_motion(since=0, at_rest=0.4) == 0.0
+    assert image_motion(*tracker.lines_moved(since=0), 0.4, 1) == 0.0
     for i in (1, 2):
         down = np.array([0.0, 2.0 * i / CAMERA.focal_length])
         moved = [ends + down for ends in lines]
@@ -135,9 +136,11 @@ def test_motion_of_the_image_is_that_across_lines_since_a_frame():
     # Downwards by 4 px, seen across the line that moves neither most nor least.
     along = np.diff(lines, axis=1)[:, 0]
     across = 4.0 * float(np.median(np.abs(along[:, 0]) / np.linalg.norm(along, axis=1)))
-    assert tracker.image_motion(since=0, at_rest=0.4) == pytest.approx(across, abs=0.2)
-    assert tracker.image_motion(since=1, at_rest=0.4) == pytest.approx(0.5 * across, abs=0.2)
-    assert tracker.image_motion(since=7, at_rest=0.4) == np.inf
+    assert image_motion(*tracker.lines_moved(since=0), 0.4, 1) == pytest.approx(across, abs=0.2)
+    assert image_motion(*tracker.lines_moved(since=1), 0.4, 1) == pytest.approx(
+        0.5 * across, abs=0.2
+    )
+    assert image_motion(*tracker.lines_moved(since=7), 0.4, 1) == np.inf
 
 
 def test_a_frame_counts_for_no_more_than_was_configured():

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from ideal_tracks import IdealTracks, at_rest, ideal_tracks
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import RestConfig
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.frame_history import FrameHistory, FrameTime
@@ -18,11 +19,12 @@ def is_still(made: IdealTracks, image_motion: float, since: float | None = None)
         frames.append(FrameTime(stamp, time))
     asked = []
 
-    def motion(stamp: int, _at_rest: float, _min_lines: int) -> float:
+    def lines_moved(stamp: int) -> tuple[FloatArray, FloatArray]:
         asked.append(stamp)
-        return image_motion
+        seen = 5 if np.isfinite(image_motion) else 0
+        return np.ones((seen, 3)), np.full(seen, image_motion)
 
-    still = RestDetector(made.imu, frames, motion, RestConfig()).is_still(0.8, since)
+    still = RestDetector(made.imu, frames, lines_moved, RestConfig()).is_still(0.8, since)
     if since is not None and still:
         assert abs(asked[-1] * 1e-9 - since) < 0.04  # the frame then, at 30 Hz
     return still

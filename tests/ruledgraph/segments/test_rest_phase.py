@@ -17,18 +17,23 @@ NODE = SimpleNamespace(
     state=gtsam.NavState(gtsam.Rot3.Yaw(0.3), np.array([1.0, 2.0, 3.0]), np.zeros(3)),
     covariances=(1e-6 * np.eye(6), 1e-6 * np.eye(3), 1e-4 * np.eye(6)),
 )
-WINDOW = SimpleNamespace(newest=NODE, rests_since=0.5, solved=1.0)
+LINE_MAP = SimpleNamespace(usual_distance=lambda: 3.0)
+WINDOW = SimpleNamespace(newest=NODE, rests_since=0.5, solved=1.0, line_map=LINE_MAP)
 MOVED = gtsam.NavState(
     gtsam.Rot3.Ypr(0.31, 0.02, -0.01), np.array([1.02, 2.01, 3.05]), np.array([0.3, -0.1, 0.2])
 )
 PROPAGATED = (2e-6 * np.eye(6), 3e-6 * np.eye(3), 1e-4 * np.eye(6))
+NO_ROTATION = gtsam.Pose3()
+LINES = np.tile([[1.0, 0.0, 0.1], [0.0, 1.0, -0.2], [0.6, 0.8, 0.0], [0.8, -0.6, 0.3]], (3, 1))
+LONGEST = 2.0 * CONFIG.rest.duration
 
 
 class Shown:
-    """What image and IMU show."""
+    """What image and IMU show; lines have moved by so much, px."""
 
-    def __init__(self, image_rests: bool, imu_rests: bool) -> None:
+    def __init__(self, image_rests: bool, imu_rests: bool, moved: float = 0.02) -> None:
         self.image_rests, self.imu_rests = image_rests, imu_rests
+        self.moved = np.full(len(LINES), moved)
 
     def is_still(self, _time: float, rests_since: float) -> bool:
         return self.imu_rests and self.image_is_unmoved(rests_since)
@@ -37,11 +42,19 @@ class Shown:
         assert rests_since == WINDOW.rests_since
         return self.image_rests
 
+    def lines_moved(self, _since: float):
+        return LINES, self.moved
 
-def phase(shown: Shown, of_state: bool = True, time: float = 1.1) -> RestPhase:
-    made = RestPhase(shown, CONFIG)
+    def is_noise(self, moved) -> bool:
+        return bool(np.all(np.abs(moved) < 3.0 * CONFIG.rest.pose_sigma))
+
+
+def phase(
+    shown: Shown, of_state: bool = True, time: float = 1.1, state: gtsam.NavState = MOVED
+) -> RestPhase:
+    made = RestPhase(shown, 400.0, CONFIG)
     made.of_state = of_state
-    made.look(WINDOW, time)
+    made.look(WINDOW, time, state, NO_ROTATION)
     return made
 
 
@@ -59,16 +72,45 @@ def test_it_is_open_only_after_a_rest_and_only_so_long():
     imu_alone = Shown(image_rests=True, imu_rests=False)
     assert phase(imu_alone).is_open
     assert not phase(imu_alone, of_state=False).is_open
-    longest = CONFIG.rest.solve_interval
-    assert phase(imu_alone, time=NODE.time + longest - 0.05).is_open
-    assert not phase(imu_alone, time=NODE.time + longest).is_open
+    assert phase(imu_alone, time=NODE.time + LONGEST - 0.05).is_open
+    assert not phase(imu_alone, time=NODE.time + LONGEST + 0.01).is_open
+
+
+@pytest.mark.parametrize("how", ["IMU at rest again", "too long", "last frame"])
+@pytest.mark.parametrize("moved", [0.05, 0.3])
+def test_lines_decide_what_was_open(how, moved):
+    """After 60 mm by the IMU, 8 px at 3 m: lines that moved as at rest say that the body stayed,
+    lines that moved by some tenths of a pixel that it is far away.
+    """
+    shown = Shown(image_rests=True, imu_rests=True)
+    made = phase(shown, state=NODE.state)
+    assert made.goes_on
+    shown.imu_rests = False
+    made.look(WINDOW, 1.2, MOVED, NO_ROTATION)
+    assert made.is_open
+    assert not made.goes_on
+    shown.moved = np.full(len(LINES), moved)
+    shown.imu_rests = how == "IMU at rest again"
+    time = NODE.time + (LONGEST + 0.1 if how == "too long" else 0.5)
+    made.look(WINDOW, time, MOVED, NO_ROTATION, last=how == "last frame")
+    assert not made.is_open
+    assert made.goes_on == (moved < 0.1)
+    assert made.state_follows() == made.goes_on
+
+
+def test_a_body_that_moves_by_the_imu_begins_to_rest_only_where_lines_say_so():
+    for moved, rests in ((0.02, True), (0.3, False)):
+        shown = Shown(image_rests=True, imu_rests=True, moved=moved)
+        assert phase(shown, of_state=False).goes_on == rests
+        assert phase(shown, of_state=False, state=NODE.state).goes_on
 
 
 def test_at_rest_the_state_is_the_newest_one():
     rest = phase(Shown(image_rests=True, imu_rests=True))
     state, covariances = rest.estimate(WINDOW, MOVED, PROPAGATED)
     assert state is NODE.state
-    assert covariances is NODE.covariances
+    x = NODE.state.pose().localCoordinates(MOVED.pose())
+    assert np.linalg.eigvalsh(covariances[0] - np.outer(x, x))[0] > 0.0
 
 
 def test_while_it_is_open_the_covariance_is_that_of_both_cases_or_more():
@@ -81,7 +123,8 @@ def test_while_it_is_open_the_covariance_is_that_of_both_cases_or_more():
     for share in (0.0, 0.3, 1.0):
         rests = rng.random(20_000) < share
         errors = rng.multivariate_normal(np.zeros(6), PROPAGATED[0], len(rests))
-        errors += rests[:, None] * unmoved
+        of_newest = rng.multivariate_normal(unmoved, NODE.covariances[0], len(rests))
+        errors = np.where(rests[:, None], of_newest, errors)
         of_mixture = errors.T @ errors / len(rests)
         # 20 000 draws know a variance to 1 %, here to three times that.
         smallest = np.linalg.eigvalsh(1.03 * covariances[0] - of_mixture)[0]
