@@ -46,8 +46,8 @@ class RestPhase:
         self._is_denied = False
 
     @property
-    def _is_held(self) -> bool:
-        """Whether the state of the latest frame is the newest one."""
+    def is_held(self) -> bool:
+        """Whether the body rests at the latest frame, whose state is the newest one."""
         return self.of_state and self.goes_on
 
     @property
@@ -109,7 +109,7 @@ class RestPhase:
         """A pose since the newest state, without the way by the IMU while the image has not moved:
         where lines are to be looked for.
         """
-        if self._is_held or self.is_open:
+        if self.is_held or self.is_open:
             return gtsam.Pose3(pose.rotation(), window.newest.state.position())
         return pose
 
@@ -133,9 +133,9 @@ class RestPhase:
         or any mixture.
         """
         newest = window.newest.state
-        if not (self._is_held or self.is_open):
+        if not (self.is_held or self.is_open):
             return state, covariances
         of_pose, of_velocity, of_bias = covariances
         x, v = state.pose().localCoordinates(newest.pose()), state.velocity() - newest.velocity()
         both = of_pose + np.outer(x, x), of_velocity + np.outer(v, v), of_bias
-        return (newest if self._is_held else state), both
+        return (newest if self.is_held else state), both

@@ -199,7 +199,7 @@ class TrajectorySegment:
         degraded = self._stages.sensors.imu.was_degraded(time)
         if degraded or self.monitor.disagree or self._is_motion_unreliable(time):
             return "degraded"
-        if self.rest.goes_on:
+        if self.rest.is_held:
             return "still"
         if time - self._last_lines > limits.lines_missing_time or self.monitor.parallel:
             return "dead reckoning"
