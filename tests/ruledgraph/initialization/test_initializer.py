@@ -31,9 +31,11 @@ class Run:
             self.sensors.imu.append(*sample)
         front_end = SimpleNamespace(observed=lambda: made.tracks, retime=lambda _: None)
         config = Config()
-        rest = RestDetector(
-            self.sensors.imu, self.sensors.frames, lambda *_: image_motion, config.rest
-        )
+
+        def lines_moved(_since: int):
+            return np.ones((5, 3)), np.full(5, image_motion)
+
+        rest = RestDetector(self.sensors.imu, self.sensors.frames, lines_moved, config.rest)
         mounting = CameraMounting(CALIBRATION, config.extrinsics, self.output.warnings)
         clock_search = ClockSearch(mounting, config, self.output.warnings)
         self.initializer = Initializer(
