@@ -17,7 +17,7 @@ from ruledgraph.integrity.unmoved_lines import log_odds_of_rest
 
 
 class RestPhase:
-    """Of the newest state, and of the frames since.
+    """Whether the body rests at the newest state, and at the frames since.
 
     A rest ends where the image moves. Where the IMU alone says so it is open for a while: the body
     sets off, and the image will show it, or an acceleration acts on all that is in view as well, as
@@ -52,7 +52,7 @@ class RestPhase:
 
     @property
     def _longest(self) -> float:
-        """A rest is open for so long, s: the IMU shows a rest in half of it."""
+        """A rest is open for so long, s: twice what the IMU needs to show one."""
         return 2.0 * self._config.rest.duration
 
     def look(
@@ -129,8 +129,8 @@ class RestPhase:
 
             P + x x^T,    x = Log(T^-1 T_rest) of the pose, -v of the velocity,
 
-        where P is no less than that of the newest state: about one of them, as if it were the other
-        or any mixture.
+        where P is that of the state by the IMU: with no less than that of the newest state it is no
+        less than the covariance about the reported state, whichever of the two is right.
         """
         newest = window.newest.state
         if not (self.is_held or self.is_open):
