@@ -45,7 +45,7 @@ class Odometry(Output):
         calibration = replace(calibration, imu_noise=calibration.imu_noise.at_least(*least))
         self._stages = Stages.build(calibration, config, self)
         self._segments = SegmentSequence(calibration, config, self._stages)
-        unsolved = config.rest.solve_interval + 2.0 * config.rest.duration
+        unsolved = config.rest.solve_interval + config.rest.open_time
         self._kept = config.window.lag + unsolved + _SPARE
         self._kept_frames: deque[Frame] = deque()
 
@@ -191,7 +191,8 @@ class Odometry(Output):
             with self.timings.measured("start"):
                 due = segments.try_start(now)
         else:
-            segment.look(now.time)
+            if due or segment.rest.of_state:
+                segment.look(now.time)
             if due:
                 with self.timings.measured("smoother"):
                     due = segment.advance()

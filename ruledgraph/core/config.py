@@ -220,6 +220,13 @@ class RestConfig(Section):
     slide_warning: float = number(0.03, "m", 0.0, 10.0)
     """An estimate that moves so far at rest is worth a warning."""
 
+    @property
+    def open_time(self) -> float:
+        """How long it may be open whether a rest that the IMU denies goes on, s: twice as long as
+        the IMU needs to show one.
+        """
+        return 2.0 * self.duration
+
 
 class Config(Section):
     """Everything."""

@@ -50,11 +50,6 @@ class RestPhase:
         """Whether the body rests at the latest frame, whose state is the newest one."""
         return self.of_state and self.goes_on
 
-    @property
-    def _longest(self) -> float:
-        """A rest is open for so long, s: twice what the IMU needs to show one."""
-        return 2.0 * self._config.rest.duration
-
     def look(
         self,
         window: Window,
@@ -78,7 +73,7 @@ class RestPhase:
             self.goes_on = False
         else:
             says = self._lines_say(window, state, body_T_cam)
-            ends = last or time - window.newest.time > self._longest - EARLY
+            ends = last or time - window.newest.time > self._config.rest.open_time - EARLY
             self.goes_on = says == "rest" and (still or ends)
             self.is_open = not (self.goes_on or ends or says == "motion")
 

@@ -25,7 +25,7 @@ MOVED = gtsam.NavState(
 PROPAGATED = (2e-6 * np.eye(6), 3e-6 * np.eye(3), 1e-4 * np.eye(6))
 NO_ROTATION = gtsam.Pose3()
 LINES = np.tile([[1.0, 0.0, 0.1], [0.0, 1.0, -0.2], [0.6, 0.8, 0.0], [0.8, -0.6, 0.3]], (3, 1))
-LONGEST = 2.0 * CONFIG.rest.duration
+LONGEST = CONFIG.rest.open_time
 
 
 class Shown:
