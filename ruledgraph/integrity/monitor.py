@@ -122,8 +122,10 @@ class IntegrityMonitor:
             return -math.inf
         return self._of_jumps.most(JUMP_DOF, self._limits.confidence)
 
-    def update(self, window: Window, still: bool) -> None:
-        """Take in the newest state, optimised, and whether the body has been at rest until then."""
+    def update(self, window: Window, still: bool, stayed_at: gtsam.NavState | None = None) -> None:
+        """Take in the newest state, optimised, whether the body has been at rest until then, and
+        where it was when lines began to say so, if the IMU did not.
+        """
         node = window.newest
         disagreed = self.disagree
         self._imu.update(window.innovation, node.time, self._of_innovations, window.jumped)
@@ -136,8 +138,9 @@ class IntegrityMonitor:
         if disagreed and not self.disagree:
             self._keep_error(node)
         self._inflate(node, max(1.0, self._variance.estimate))
+        stayed = None if stayed_at is None else stayed_at.position()
         self._add_to_gauge(self._parallel.update(window, self._inflation.factor))
-        self._add_to_gauge(self._rest.update(node.state.position(), node.time, still))
+        self._add_to_gauge(self._rest.update(node.state.position(), node.time, still, stayed))
         more = self._inflation.added - (self._inflation.factor - 1.0) * _of_position(node)
         position = self._base_gauge.position + self._parallel.covariance() + self._rest.covariance()
         self._gauge = replace(self._base_gauge, position=position + more)

@@ -22,8 +22,11 @@ class RestSlide:
         self._rest: FloatArray | None = None
         self._slide = np.zeros(3)
 
-    def update(self, position: FloatArray, time: float, still: bool) -> FloatArray:
-        """Take in a state's position at a time (s), and whether the body has rested until then.
+    def update(
+        self, position: FloatArray, time: float, still: bool, stayed_at: FloatArray | None = None
+    ) -> FloatArray:
+        """Take in a state's position at a time (s), whether the body has rested until then, and
+        where it did so before that was known, if the estimate went on.
 
         Returns:
             Covariance of the position that remains when a rest is over, (3, 3), m^2.
@@ -33,7 +36,7 @@ class RestSlide:
             self._rest, self._slide = None, np.zeros(3)
             return stays
         if self._rest is None:
-            self._rest = position
+            self._rest = position if stayed_at is None else stayed_at
         before, self._slide = self._slide, position - self._rest
         if np.linalg.norm(before) < self._warn_distance <= np.linalg.norm(self._slide):
             self._warnings.append(

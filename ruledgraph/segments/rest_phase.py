@@ -25,6 +25,9 @@ class RestPhase:
     likely enough for one of the two (`log_odds_of_rest`): a sequential test. After some time they
     must: without them the body has moved.
 
+    Lines may say that it rests while the IMU moves it on, before a rest is known: until they or the
+    IMU say otherwise, it may be where it was then.
+
     Args:
         detector: what image and IMU show.
         focal_length: px.
@@ -44,6 +47,9 @@ class RestPhase:
         self.is_open = False
         """Whether that is open, after a rest until the newest state."""
         self._is_denied = False
+        self.stayed_at: gtsam.NavState | None = None
+        """Where the body was when lines began to say that it rests, and the IMU that it moves; None
+        where they do not."""
 
     @property
     def is_held(self) -> bool:
@@ -63,11 +69,10 @@ class RestPhase:
         self._is_denied |= not still
         self.is_open = False
         if not self.of_state:
-            # That the image shows no motion is no news where the IMU shows none either.
-            moved = state.position() - window.newest.state.position()
-            small = self._detector.is_noise(moved)
-            self.goes_on = still and (small or self._lines_say(window, state, body_T_cam) == "rest")
-        elif not self._is_denied:
+            self._begin(window, state, body_T_cam, still)
+            return
+        self.stayed_at = None
+        if not self._is_denied:
             self.goes_on = True
         elif not self._detector.image_is_unmoved(window.rests_since):
             self.goes_on = False
@@ -76,6 +81,22 @@ class RestPhase:
             ends = last or time - window.newest.time > self._config.rest.open_time - EARLY
             self.goes_on = says == "rest" and (still or ends)
             self.is_open = not (self.goes_on or ends or says == "motion")
+
+    def _begin(
+        self, window: Window, state: gtsam.NavState, body_T_cam: gtsam.Pose3, still: bool
+    ) -> None:
+        """Whether a rest begins, and whether the IMU contradicts one."""
+        newest = window.newest
+        if self._detector.is_noise(state.position() - newest.state.position()):
+            # That the image shows no motion is no news where the IMU shows none either.
+            self.goes_on, self.stayed_at = still, None
+            return
+        says = self._lines_say(window, state, body_T_cam)
+        self.goes_on = still and says == "rest"
+        if says == "motion":
+            self.stayed_at = None
+        elif says == "rest" and self._detector.image_is_unmoved(window.rests_since):
+            self.stayed_at = self.stayed_at or newest.state
 
     def state_follows(self) -> bool:
         """A state is made at the latest frame. Returns whether the body has rested until then."""
@@ -127,10 +148,10 @@ class RestPhase:
         where P is that of the state by the IMU: with no less than that of the newest state it is no
         less than the covariance about the reported state, whichever of the two is right.
         """
-        newest = window.newest.state
-        if not (self.is_held or self.is_open):
+        at = window.newest.state if self.is_held or self.is_open else self.stayed_at
+        if at is None:
             return state, covariances
         of_pose, of_velocity, of_bias = covariances
-        x, v = state.pose().localCoordinates(newest.pose()), state.velocity() - newest.velocity()
+        x, v = state.pose().localCoordinates(at.pose()), state.velocity() - at.velocity()
         both = of_pose + np.outer(x, x), of_velocity + np.outer(v, v), of_bias
-        return (newest if self.is_held else state), both
+        return (at if self.is_held else state), both

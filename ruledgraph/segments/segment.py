@@ -153,7 +153,7 @@ class TrajectorySegment:
         self._reporter.smoothed(window, window.optimize(), clock.offset)
         self._reporter.lines(window.line_map.take_retired())
         self._stages.front_end.reject(window.line_map.take_rejected())
-        self.monitor.update(window, self.rest.of_state)
+        self.monitor.update(window, self.rest.of_state, self.rest.stayed_at)
         self._propagator.reset()
         self.state = window.newest.state
         reliable = self.confirmed and not self.monitor.disagree
@@ -179,10 +179,10 @@ class TrajectorySegment:
     def report(self, frame: FrameTime, lines: int, at_state: bool) -> Status:
         """Hand out the live estimate of a frame in which so many lines of the graph were seen."""
         window, offset = self.window, self._stages.clock.offset
-        by_imu = self.state, blocks(self._propagator.covariance(window.newest, frame.time))
-        self.state, of_window = self.rest.estimate(window, *by_imu)
+        of_window = blocks(self._propagator.covariance(window.newest, frame.time))
+        by_imu = self.monitor.covariances(of_window, self.state.pose(), self.state.velocity())
+        self.state, covariances = self.rest.estimate(window, self.state, by_imu)
         pose, velocity = self.state.pose(), self.state.velocity()
-        covariances = self.monitor.covariances(of_window, pose, velocity)
         status = self._status(frame.time, lines)
         estimate = self._reporter.live(
             window, frame, self.state, covariances, status, lines, at_state, offset

@@ -281,6 +281,17 @@ def test_an_estimate_that_moves_while_the_body_rests_is_off_by_that():
     np.testing.assert_allclose(R @ more @ R.T, np.outer(slide, slide), atol=1e-12)
 
 
+def test_an_estimate_that_moved_until_a_rest_was_known_is_off_by_that():
+    window, monitor, _ = monitored_window()
+    state, slide = window.newest.state, np.array([0.3, -0.4, 0.1])
+    before = shown(window, monitor)
+    stayed_at = gtsam.NavState(state.attitude(), state.position() - slide, state.velocity())
+    monitor.update(window, True, stayed_at)
+    R = state.attitude().matrix()
+    more = shown(window, monitor) - before
+    np.testing.assert_allclose(R @ more @ R.T, np.outer(slide, slide), atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("velocity", "position", "rated"),
     [(0.04, 2.9, "tracking"), (0.06, 0.0, "degraded"), (0.0, 3.1, "degraded")],

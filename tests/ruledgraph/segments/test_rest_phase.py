@@ -140,3 +140,28 @@ def test_lines_are_looked_for_where_the_body_has_only_turned_until_the_image_mov
         assert np.array_equal(held.translation(), NODE.state.position())
     moving = phase(Shown(image_rests=False, imu_rests=False)).held(MOVED.pose(), WINDOW)
     assert moving.equals(MOVED.pose(), 0.0)
+
+
+def test_where_lines_deny_a_motion_by_the_imu_covariances_hold_for_a_rest_too():
+    """Until lines or the IMU say otherwise, or the rest is known."""
+    shown = Shown(image_rests=True, imu_rests=False)
+    made = phase(shown, of_state=False)
+    assert not made.goes_on
+    assert made.stayed_at is NODE.state
+    state, covariances = made.estimate(WINDOW, MOVED, PROPAGATED)
+    assert state is MOVED
+    x = MOVED.pose().localCoordinates(NODE.state.pose())
+    assert np.allclose(covariances[0], PROPAGATED[0] + np.outer(x, x))
+
+    shown.moved = np.full(len(LINES), 0.3)
+    made.look(WINDOW, 1.2, MOVED, NO_ROTATION)
+    assert made.stayed_at is None
+    shown.moved = np.full(len(LINES), 0.02)
+    made.look(WINDOW, 1.3, MOVED, NO_ROTATION)
+    assert made.stayed_at is NODE.state
+    made.look(WINDOW, 1.4, NODE.state, NO_ROTATION)
+    assert made.stayed_at is None
+
+
+def test_a_moving_image_denies_no_motion():
+    assert phase(Shown(image_rests=False, imu_rests=False), of_state=False).stayed_at is None
