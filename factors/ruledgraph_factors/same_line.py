@@ -105,10 +105,11 @@ def same_line_factor(
     leave the window, marginalised.
 
     Args:
-        noise_model: of dimension 4, any kind, as loose as the estimate has moved since the old
-            variable was fixed (rad). Unobservable directions of its marginal (position and yaw of
-            the whole) differ that much here; a tighter model would constrain them, which is
-            inconsistent.
+        noise_model: of dimension 4, any kind. The marginal on the old variable is linear, and off
+            by the second term of Taylor's series: by about |d|^2 / 2 (rad), where the estimate has
+            moved by d since that variable was fixed. Unobservable directions of the marginal
+            (position and yaw of the whole) are off by |d|: with such a factor they seem to be known
+            to |d| / 2 (rad), and with a tighter one better, which is inconsistent.
         line_key: Vector4, in `chart`.
         new_line_key: Vector4, in the new chart.
         chart: of the old variable.

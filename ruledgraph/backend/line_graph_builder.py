@@ -31,6 +31,9 @@ from ruledgraph_factors import (
     triangulate_line,
 )
 
+# rad; a third of what one edge point of 0.1 px shows, far from where a factor is ill-conditioned.
+_LEAST_TIE = 1e-4
+
 
 class ImpossibleLineError(RuledgraphError):
     """A track's points put its line behind the camera or too close to it."""
@@ -186,11 +189,11 @@ class LineGraphBuilder:
         The smoother does not relinearise a variable whose neighbour has left the window. A line
         without parallax until then would stay linearised at an arbitrary depth.
         """
-        # The marginal on the old variable was linearised elsewhere. Its unobservable directions
-        # (position and yaw) differ from those here by about the change of the estimate: a tighter
-        # factor would constrain them, which is inconsistent.
-        moved = float(np.abs(line.delta - line.linearized).max())
-        noise = noiseModel.Isotropic.Sigma(4, moved)
+        # The marginal on the old variable is linear: what it says of the line is off by the second
+        # term of Taylor's series in how far the line has moved since.
+        moved = line.delta - line.linearized
+        sigma = max(0.5 * float(moved @ moved), _LEAST_TIE)
+        noise = noiseModel.Isotropic.Sigma(4, sigma)
         old_key, key, anchor = line.key, L(self._keys_so_far), line.chart.world_T_anchor
         try:
             chart, by_delta = line.chart.reanchor(line.delta, anchor)
@@ -201,6 +204,6 @@ class LineGraphBuilder:
         update.factors.add(factor)
         update.values.insert(key, np.zeros(4))
         update.times |= {old_key: line.last_time, key: line.last_time}
-        line.covariance = by_delta @ line.covariance @ by_delta.T
+        line.covariance = by_delta @ line.covariance @ by_delta.T + sigma**2 * np.eye(4)
         line.key, line.chart, line.delta = key, chart, np.zeros(4)
         line.linearized, line.linearization_frozen = line.delta, False

@@ -79,6 +79,42 @@ def test_the_covariance_travels_as_by_reanchor():
     )
 
 
+def test_a_linear_marginal_is_off_by_the_second_term_of_its_series():
+    """A line that moved by d from where its points were linearised is found to about |d|^2 / 2."""
+    over = []
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        chart = LineChart.from_points(gtsam.Pose3(), *rng.normal([0, 0, 4], 1.0, size=(2, 3)))
+        # So near that the line was hardly known when its variable was fixed.
+        cameras = np.vstack([np.zeros(3), rng.normal(scale=0.3, size=(6, 3))])
+        moment, direction = np.split(chart.plucker(np.zeros(4))[0], 2)
+        length = np.linalg.norm(direction)
+        foot = np.cross(direction, moment) / length**2
+        ends = [foot - 0.5 * direction / length, foot + 0.5 * direction / length]
+        rays = np.swapaxes([end - cameras for end in ends], 0, 1)
+        rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+        moved = rng.normal(size=4)
+        moved *= 0.15 / np.linalg.norm(moved)
+        steps = 1e-6 * np.eye(4)
+        ahead, behind = (
+            np.column_stack([sines(chart, moved + sign * step, cameras, rays) for step in steps])
+            for sign in (1, -1)
+        )
+        J, r = (ahead - behind) / 2e-6, sines(chart, moved, cameras, rays)
+        by_marginal = moved - np.linalg.lstsq(J, r, rcond=None)[0]
+        over.append(np.abs(by_marginal).max() / (0.5 * moved @ moved))
+    # More of lines with so little parallax that the marginal itself hardly knows them.
+    assert 0.5 < np.median(over) < 1.5
+
+
+def sines(chart: LineChart, delta, cameras, rays) -> np.ndarray:
+    """Of the angles between rays and the planes through camera centres and the line, (2 N,)."""
+    moment, direction = np.split(chart.plucker(delta)[0], 2)
+    normals = moment - np.cross(cameras, direction)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.einsum("ni,nki->nk", normals, rays).ravel()
+
+
 def test_a_recentred_chart_and_one_of_other_signs_do_as_well():
     for seed in range(10):
         rng = np.random.default_rng(seed)

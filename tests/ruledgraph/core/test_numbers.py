@@ -24,6 +24,7 @@ ALLOWED = {
     "backend/landmarks.py": {"_KEPT": MEMORY, "_INFINITE": NUMERICS, "_PARALLEL": NUMERICS},
     "backend/line_distance.py": {"_KNOWN": "three standard deviations"},
     "backend/line_fit.py": {"_AT_INFINITY": NUMERICS},
+    "backend/line_graph_builder.py": {"_LEAST_TIE": NUMERICS},
     "backend/line_weights.py": {
         "_NO_NOISE": NUMERICS,
         "_LINE_DOF": "counts unknowns",
