@@ -63,7 +63,7 @@ class Window:
         """Of the newest state, see `Estimate.innovation`."""
         self.jump_test: JumpTest | None = None
         """Whether the IMU's biases jumped in the newest interval; None if that cannot be told."""
-        self._predictions = Predictions(config.window.lag)
+        self._predictions = Predictions(config.integrity.innovation_span)
         self._update = GraphUpdate()
         add_priors(self._update.factors, first)
         self._update.insert(first)

@@ -101,7 +101,9 @@ class StartConfig(Section):
     """Time between two attempts."""
     shortest: float = number(0.9, "s", 0.2, 10.0)
     """Shortest first window of a start in motion: in less time a wrong motion explains the lines
-    too often. The longest is the smoother's lag, and where that is less, it counts."""
+    too often."""
+    longest: float = number(2.5, "s", 0.2, 60.0)
+    """Longest first window, of a start with weak motion; no longer than the smoother's lag."""
     velocity_sigma: float = number(0.12, "m/s", 1e-3, 1.0)
     """Accepted standard deviation of the velocity at both ends, gravity and biases being unknown:
     a tenth of a walk, and so of the scale."""
@@ -164,6 +166,9 @@ class IntegrityConfig(Section):
     jump_confidence: float = number(0.95, "", 0.5, 0.9999)
     """Biases jump where most lines fit better with a jump: the confidence of this sign test. Of
     fewer than five lines none can tell."""
+    innovation_span: float = number(2.5, "s", 0.04, 60.0)
+    """How long the IMU carries a state on to predict the one that an innovation is of: its slow
+    errors (biases, scale) show, and its covariance is still linear."""
     variance_prior: float = number(5.0, "", 3.0, 1e3)
     """Degrees of freedom that the noise figures count for, beside the innovations: a window of a
     moving camera has about ten."""

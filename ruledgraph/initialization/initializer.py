@@ -118,7 +118,7 @@ class Initializer:
         """Over the longest window that there is, which holds more information, or else over the
         shortest, in which fewer lines were lost.
         """
-        longest = self._config.window.lag
+        longest = min(self._config.start.longest, self._config.window.lag)
         imu, frames = self._sensors.imu, self._sensors.frames
         available = now.time - frames.first.time
         shortest = min(self._config.start.shortest, longest)
