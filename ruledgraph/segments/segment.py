@@ -76,13 +76,12 @@ class TrajectorySegment:
         for frame in frames[1:]:
             pending.append(frame)
             if self.is_state_due(frame.time) or frame is frames[-1]:
+                self.predict(frame.time)
                 self.look(frame.time)
                 self._extend(pending)
                 pending = []
         if len(frames) > 1:
             self._optimize()
-
-    # -- before a frame is looked at -------------------------------------------------------------
 
     def is_state_due(self, time: float) -> bool:
         """Whether a frame at a time (s) gets a state."""
@@ -116,8 +115,6 @@ class TrajectorySegment:
         unreliable = bool(intervals) and not intervals[-1].is_reliable
         return unreliable or bool(imu.unreliable(self.window.newest.time, time))
 
-    # -- afterwards ------------------------------------------------------------------------------
-
     def advance(self) -> bool:
         """Add a state at the last of the frames that follow the newest one, and solve; False, and
         nothing done, while it is open whether a rest goes on.
@@ -129,7 +126,6 @@ class TrajectorySegment:
         idle = rest.goes_on and self.confirmed and rest.is_idle(window, frames[-1].time, self.state)
         self._extend(frames, observe_lines=not idle)
         if idle and not self.window.jumped:
-            self._propagator.reset()
             self.state = self.window.newest.state
         else:
             self._optimize()
@@ -147,6 +143,7 @@ class TrajectorySegment:
         correction, limit = sensors.offset_correction, self.monitor.jump_limit
         self.window.extend(stamps, times, sensors.imu, tracks, still, correction, limit)
         front_end.reject(self.window.line_map.take_rejected())
+        self._propagator.reset()
 
     def _optimize(self) -> None:
         window, clock = self.window, self._stages.clock
