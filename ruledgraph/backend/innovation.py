@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""How far the images moved a state from where the IMU had predicted it, a window before."""
+"""How far the images moved a state from where the IMU had predicted it, some time before."""
 
 import math
 
@@ -37,13 +37,13 @@ class Prediction:
 
 
 class Predictions:
-    """Of the newest state, from the states before it.
+    """Of the newest state, from the states up to so long before it.
 
-    Over a window the IMU's slow errors show (bias, scale), of which from one state to the next
+    Over that time the IMU's slow errors show (bias, scale), of which from one state to the next
     there is nothing to be seen beside the noise of edges.
 
     Args:
-        longest: of the time that the IMU carries one, s: the window.
+        longest: of the time that the IMU carries one, s.
     """
 
     def __init__(self, longest: float) -> None:
@@ -57,8 +57,8 @@ class Predictions:
             self._predictions.append(Prediction(node))
 
     def restart(self, time: float) -> None:
-        """After a jump of the biases at a time, s: as long as it is in the window, most of a
-        prediction's covariance is the jump's, and an innovation tells nothing of the noise.
+        """After a jump of the biases at a time, s: for as long, most of a prediction's covariance
+        is the jump's, and an innovation tells nothing of the noise.
         """
         self._predictions.clear()
         self._begin = time + self._longest

@@ -168,7 +168,7 @@ class IntegrityConfig(Section):
     fewer than five lines none can tell."""
     innovation_span: float = number(2.5, "s", 0.04, 60.0)
     """How long the IMU carries a state on to predict the one that an innovation is of: its slow
-    errors (biases, scale) show, and its covariance is still linear."""
+    errors (biases, scale) show, and still are so small that they count as linear."""
     variance_prior: float = number(5.0, "", 3.0, 1e3)
     """Degrees of freedom that the noise figures count for, beside the innovations: a window of a
     moving camera has about ten."""

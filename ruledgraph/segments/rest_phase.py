@@ -140,8 +140,8 @@ class RestPhase:
     ) -> tuple[gtsam.NavState, Covariances]:
         """State and covariances of the latest frame, of what the IMU makes of the newest state.
 
-        At rest the state is the newest one; while it is open whether the rest goes on it is the
-        IMU's. The covariances hold for both,
+        At rest the state is the newest one; while it is open whether the rest goes on, or lines
+        deny a motion before a rest is known, it is the IMU's. The covariances hold for both,
 
             P + x x^T,    x = Log(T^-1 T_rest) of the pose, -v of the velocity,
 
