@@ -14,6 +14,7 @@ from ruledgraph.backend.states import StateNode
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Innovation
+from ruledgraph.core.settings import load_config
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.propagation import propagated_covariances
 from ruledgraph_factors import preintegrate_frames
@@ -92,10 +93,10 @@ def test_states_of_a_recording_have_innovations_as_their_noise_figures_say() -> 
     assert 0.05 < ratio < 2.0
 
 
-def test_a_state_is_compared_with_what_the_imu_makes_of_one_a_window_before() -> None:
+def test_a_state_is_compared_with_what_the_imu_makes_of_one_some_time_before() -> None:
     """Here with the IMU integrated anew, in the window by what is kept of its intervals."""
     made = ideal_tracks(1, hand_held(np.random.default_rng(1)), duration=1.6, segments=MANY)
-    config = Config.model_validate({"window": {"lag": 0.85, "state_interval": 0.2}})
+    config = load_config(None, ["integrity.innovation_span=0.85"])
     window = Window(CALIBRATION, config, start_of(made))
     stamps, times = made.stamps[1:], made.times[1:].tolist()
     known = {}
@@ -108,7 +109,7 @@ def test_a_state_is_compared_with_what_the_imu_makes_of_one_a_window_before() ->
         known[newest.time] = StateNode(
             newest.index, newest.time, newest.state, newest.bias, newest.covariance.copy()
         )
-    # The oldest that is no longer before than the lag.
+    # The oldest that is no longer before than the span.
     since = min(time for time in known if newest.time - time <= 0.85)
     assert newest.time - since > 0.6
     predicted = known[since]

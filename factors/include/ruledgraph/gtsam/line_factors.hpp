@@ -195,9 +195,9 @@ class LineDistanceFactor : public gtsam::NoiseModelFactor {
 };
 
 /// One line under two keys, in two charts: r = J (delta_old - delta) - delta_new, linear on
-/// purpose, J of `reanchor` at `delta`. Noise model: dimension 4, |d|^2 / 2 (rad) where the estimate
-/// has moved by d since the old variable was fixed. Throws, too, when the reference of `new_chart`
-/// is another line.
+/// purpose, J of `reanchor` at `delta`. Noise model: dimension 4, |d|^2 / 2 (rad) where the
+/// estimate has moved by d since the old variable was fixed. Throws, too, when the reference of
+/// `new_chart` is another line.
 class SameLineFactor : public gtsam::NoiseModelFactor {
  public:
   using Base = gtsam::NoiseModelFactor;
