@@ -138,8 +138,8 @@ class IntegrityMonitor:
         if disagreed and not self.disagree:
             self._keep_error(node)
         self._inflate(node, max(1.0, self._variance.estimate))
-        stayed = None if stayed_at is None else stayed_at.position()
         self._add_to_gauge(self._parallel.update(window, self._inflation.factor))
+        stayed = None if stayed_at is None else stayed_at.position()
         self._add_to_gauge(self._rest.update(node.state.position(), node.time, still, stayed))
         more = self._inflation.added - (self._inflation.factor - 1.0) * _of_position(node)
         position = self._base_gauge.position + self._parallel.covariance() + self._rest.covariance()

@@ -1,0 +1,37 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""A line that gets a new variable."""
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import L
+
+from ruledgraph.backend.graph_update import GraphUpdate
+from ruledgraph.backend.landmarks import Landmark
+from ruledgraph.backend.line_factors import EdgeModel
+from ruledgraph.backend.line_graph_builder import LineGraphBuilder
+from ruledgraph.core.config import LinesConfig
+from ruledgraph_factors import LineChart
+
+
+@pytest.mark.parametrize("size", [0.1, 0.3])
+def test_it_keeps_what_was_known_but_for_terms_of_the_second_order(size):
+    """The marginal of the old variable, linearised at zero, and the tie."""
+    chart = LineChart.from_points(gtsam.Pose3(), [-0.5, 0.3, 3.0], [0.7, 0.5, 4.0])
+    moved = size * np.array([0.6, 0.0, 0.0, 0.8])
+    known = np.diag([1e-2, 3e-4, 3e-4, 2e-2]) ** 2
+    line = Landmark(1, L(7), chart, moved, known, 0, 0, 1.0, linearization_frozen=True)
+    update = GraphUpdate()
+    builder = LineGraphBuilder(EdgeModel(gtsam.Pose3(), 400.0, 1e-3, 1e-3), LinesConfig(), {})
+    builder.reanchor(line, update)
+    assert line.key != L(7)
+
+    update.factors.addPriorVector(L(7), moved, gtsam.noiseModel.Gaussian.Covariance(known))
+    values = gtsam.Values(update.values)
+    values.insert(L(7), moved)
+    found = gtsam.Marginals(update.factors, values).marginalCovariance(line.key)
+    _, by_old = chart.reanchor(moved, gtsam.Pose3())
+    expected = by_old @ known @ by_old.T + (0.5 * size**2) ** 2 * np.eye(4)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    np.testing.assert_allclose(line.covariance, expected, atol=1e-12)
