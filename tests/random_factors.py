@@ -9,7 +9,7 @@ from typing import get_args
 import gtsam
 import numpy as np
 from gtsam import noiseModel
-from gtsam.symbol_shorthand import B, E, G, L, T, V, X
+from gtsam.symbol_shorthand import B, E, F, G, L, T, V, X
 
 from ruledgraph_factors import (
     FrameMotion,
@@ -18,17 +18,24 @@ from ruledgraph_factors import (
     ReprojectionPoints,
     RuledSurfaceFactor,
     ruled_surface_factor,
-    ruled_surface_factor_with_extrinsics,
     ruled_surface_factor_with_gravity_direction,
     ruled_surface_factor_with_gravity_vector,
-    ruled_surface_factor_with_time_offset,
-    ruled_surface_factor_with_time_offset_and_extrinsics,
     ruled_surface_pose_factor,
-    ruled_surface_pose_factor_with_extrinsics,
 )
 from ruledgraph_factors.spec import Form
 
-FORMS = get_args(Form)
+CAMERA_KEYS = {"time": T(0), "extrinsics": E(0), "focal": F(0)}
+FORMS = (
+    *get_args(Form),
+    "node+time",
+    "node+extrinsics",
+    "node+focal",
+    "node+time+extrinsics",
+    "node+time+extrinsics+focal",
+    "pose+extrinsics",
+    "pose+extrinsics+focal",
+)
+"""Of a spec, and the camera's variables."""
 POINTS = (GeometricPoints, ReprojectionPoints)
 
 
@@ -44,33 +51,24 @@ class Case:
     values: gtsam.Values
 
     def factor(self, form: str, kind=GeometricPoints, sigma: float = 1.0) -> RuledSurfaceFactor:
-        frames = self.frames[:1] if form.startswith("pose") else self.frames
+        own, *variables = form.split("+")
+        frames = self.frames[:1] if own == "pose" else self.frames
         points = kind.from_frames(frames)
         noise = noiseModel.Isotropic.Sigma(points.rows, sigma)
         node = (X(0), V(0), B(0))
         motion = self.motion
-        if not form.startswith("node_time_offset"):
+        if "time" not in variables:
             motion = dataclasses.replace(motion, time_jacobian=None)
-        rest = (motion, self.chart, points, self.body_T_cam)
-        if form == "node":
-            return ruled_surface_factor(noise, *node, L(0), *rest)
-        if form == "node_time_offset":
-            return ruled_surface_factor_with_time_offset(noise, *node, T(0), L(0), *rest)
-        if form == "node_extrinsics":
-            return ruled_surface_factor_with_extrinsics(noise, *node, E(0), L(0), *rest[:3])
-        if form == "node_time_offset_extrinsics":
-            keys = (T(0), E(0), L(0))
-            return ruled_surface_factor_with_time_offset_and_extrinsics(
-                noise, *node, *keys, *rest[:3]
-            )
-        if form == "pose_extrinsics":
-            keys = (X(0), E(0), L(0))
-            return ruled_surface_pose_factor_with_extrinsics(noise, *keys, *rest[1:3])
-        if form == "node_gravity_direction":
+        of_camera = {f"{name}_key": CAMERA_KEYS[name] for name in variables}
+        camera = None if "extrinsics" in variables else self.body_T_cam
+        rest = (motion, self.chart, points, camera)
+        if own == "node":
+            return ruled_surface_factor(noise, *node, L(0), *rest, **of_camera)
+        if own == "node_gravity_direction":
             return ruled_surface_factor_with_gravity_direction(noise, *node, G(0), L(0), *rest)
-        if form == "node_gravity_vector":
+        if own == "node_gravity_vector":
             return ruled_surface_factor_with_gravity_vector(noise, *node, G(1), L(0), *rest)
-        return ruled_surface_pose_factor(noise, X(0), L(0), *rest[1:])
+        return ruled_surface_pose_factor(noise, X(0), L(0), *rest[1:], **of_camera)
 
 
 def random_case(seed: int, frames: int = 3, points: int = 6, distance: float | None = None) -> Case:
@@ -110,4 +108,5 @@ def random_case(seed: int, frames: int = 3, points: int = 6, distance: float | N
     values.insert(L(0), np.append(rng.normal() * 0.01, rng.normal(size=3) * 0.02))
     values.insert(T(0), rng.normal() * 0.01)
     values.insert(E(0), body_T_cam)
+    values.insert(F(0), 1.03)
     return Case(rng, motion, chart, list(seen), body_T_cam, values)

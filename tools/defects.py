@@ -152,11 +152,16 @@ def result_of(case: Case, settings: Sequence[str] = ()) -> Result:
         )
         live = output / "trajectory_live.tum"
         first = int(read_tum(live).stamps[0]) if summary["frames_estimated"] else None
-    return figures(summary, first, simulation.calibration)
+    percent = case.variation.focal_percent
+    return figures(summary, first, simulation.calibration, percent)
 
 
-def figures(summary: dict[str, Any], first: int | None, true: Calibration) -> Result:
-    """From a run's summary, the stamp of its first pose and the true calibration."""
+def figures(
+    summary: dict[str, Any], first: int | None, true: Calibration, focal_percent: float = 0.0
+) -> Result:
+    """From a run's summary, the stamp of its first pose, the true calibration, and by how much the
+    focal length of the one that was used is too long.
+    """
     ates = [
         summary.get("accuracy", {}).get(name, {}).get("ate_rmse")
         for name in ("trajectory_live", "trajectory")
@@ -169,12 +174,14 @@ def figures(summary: dict[str, Any], first: int | None, true: Calibration) -> Re
         live=live,
         smoothed=smoothed,
         first_pose=None if first is None else 1e-9 * (first - summary["first_frame_ns"]),
-        recovered=_recovered(summary, true),
+        recovered=_recovered(summary, true, focal_percent),
         warnings=tuple(summary["warnings"]),
     )
 
 
-def _recovered(summary: dict[str, Any], true: Calibration) -> dict[str, tuple[float, float, float]]:
+def _recovered(
+    summary: dict[str, Any], true: Calibration, focal_percent: float
+) -> dict[str, tuple[float, float, float]]:
     found = {}
     offset, extrinsics = summary["time_offset"], summary["extrinsics"]
     if offset["estimated"]:
@@ -185,6 +192,11 @@ def _recovered(summary: dict[str, Any], true: Calibration) -> dict[str, tuple[fl
         left = true.body_T_cam.rotation().logmap(body_T_cam.rotation())
         error = float(np.degrees(np.linalg.norm(left)))
         found["turned_deg"] = (extrinsics["rotation_deg"], error, extrinsics["sigma_rotation_deg"])
+    focal = summary["focal_length"]
+    if focal["estimated"]:
+        # By how much the calibration's is too long, where the camera's own is known.
+        value, sigma = 100.0 / focal["ratio"] - 100.0, 100.0 * focal["sigma_ratio"]
+        found["focal_percent"] = (value, abs(value - focal_percent), sigma)
     if "readout_sigma_s" in summary:
         value, sigma = summary["readout_s"], summary["readout_sigma_s"]
         found["readout_ms"] = (1e3 * value, 1e3 * abs(value - true.readout), 1e3 * sigma)

@@ -23,6 +23,7 @@
 namespace rg = ruledgraph;
 using gtsam::symbol_shorthand::B;
 using gtsam::symbol_shorthand::E;
+using gtsam::symbol_shorthand::F;
 using gtsam::symbol_shorthand::L;
 using gtsam::symbol_shorthand::T;
 using gtsam::symbol_shorthand::V;
@@ -100,16 +101,23 @@ int main() {
   // A camera whose clock is not quite the IMU's: the offset of its frames, s, is a variable.
   const rg::FrameMotions timed =
       rg::preintegrate_frames(imu, node_time, frame_times, bias.vector(), true);
-  graph.add(rg::RuledSurfaceFactor::WithTimeOffset(noise, X(0), V(0), B(0), T(0), L(0), timed,
-                                                   chart, points, body_T_cam));
+  rg::CameraKeys clock;
+  clock.time = T(0);
+  graph.add(rg::RuledSurfaceFactor(noise, X(0), V(0), B(0), L(0), timed, chart, points, clock,
+                                   body_T_cam));
   values.insert(T(0), 0.0);
   graph.addPrior(T(0), 0.0, gtsam::noiseModel::Isotropic::Sigma(1, 1e-3));
 
-  // The camera's pose in the body as a variable.
-  graph.add(rg::RuledSurfaceFactor::WithExtrinsics(noise, X(0), V(0), B(0), E(0), L(0), motions,
-                                                   chart, points));
+  // The camera's pose in the body and the ratio of its focal length to the one that points were
+  // normalised with as variables.
+  rg::CameraKeys camera;
+  camera.extrinsics = E(0);
+  camera.focal = F(0);
+  graph.add(rg::RuledSurfaceFactor(noise, X(0), V(0), B(0), L(0), motions, chart, points, camera));
   values.insert(E(0), body_T_cam);
   graph.addPrior(E(0), body_T_cam, gtsam::noiseModel::Isotropic::Sigma(6, 1e-2));
+  values.insert(F(0), 1.0);
+  graph.addPrior(F(0), 1.0, gtsam::noiseModel::Isotropic::Sigma(1, 5e-3));
 
   // A robust loss: two degrees of freedom a frame, whatever the number of points.
   const rg::GeometricPoints flat = rg::without_scatter(points);

@@ -12,13 +12,9 @@ from ruledgraph_factors.factor import RuledSurfaceFactor
 from ruledgraph_factors.factor_spec import FactorSpec, SpecFactor, spec_of
 from ruledgraph_factors.factories import (
     ruled_surface_factor,
-    ruled_surface_factor_with_extrinsics,
     ruled_surface_factor_with_gravity_direction,
     ruled_surface_factor_with_gravity_vector,
-    ruled_surface_factor_with_time_offset,
-    ruled_surface_factor_with_time_offset_and_extrinsics,
     ruled_surface_pose_factor,
-    ruled_surface_pose_factor_with_extrinsics,
 )
 from ruledgraph_factors.first_window import solve_first_window
 from ruledgraph_factors.graph_io import build_factor, clone_graph, load_graph, save_graph
@@ -102,13 +98,9 @@ __all__ = [
     "new_line_factor",
     "preintegrate_frames",
     "ruled_surface_factor",
-    "ruled_surface_factor_with_extrinsics",
     "ruled_surface_factor_with_gravity_direction",
     "ruled_surface_factor_with_gravity_vector",
-    "ruled_surface_factor_with_time_offset",
-    "ruled_surface_factor_with_time_offset_and_extrinsics",
     "ruled_surface_pose_factor",
-    "ruled_surface_pose_factor_with_extrinsics",
     "same_line_factor",
     "save_graph",
     "solve_first_window",

@@ -37,11 +37,13 @@ class _Surface:
         line: FloatArray,
         time_shift: float,
         body_T_cam: FloatArray | None,
+        focal_ratio: float | None,
         residual: FloatArray,
         jacobian: FloatArray | None,
     ) -> None:
         """Write the residual (rows,) at a state and, unless None, its Jacobian (rows, 22), with one
-        column more when there is a `time_jacobian`, and six more with `body_T_cam`.
+        column more when there is a `time_jacobian`, six more with `body_T_cam`, and one more with
+        `focal_ratio`.
 
         The state is that of `ruled_surface.State`. `jacobian` has Fortran order.
         """

@@ -105,11 +105,11 @@ def _line_check(key: int, sums: FloatArray, values: gtsam.Values) -> LineCheck:
 def _frames_behind(spec: RuledSurfaceSpec, values: gtsam.Values) -> int:
     """How many frames have the line behind their camera at the middle of the points."""
     keys = list(spec.keys)
-    with_extrinsics = spec.has_extrinsics
-    body_T_cam = values.atPose3(keys[-2]) if with_extrinsics else spec.body_T_cam
-    geometry = Geometry(spec.chart, spec.motion, body_T_cam)
-    line = geometry.line_in_cameras(state_at(spec, keys, values), False)
-    rays = np.column_stack([spec.points.middles(), np.ones(len(spec.motion))])
+    state = state_at(spec, keys, values)
+    body_T_cam = spec.body_T_cam if state.body_T_cam is None else gtsam.Pose3(state.body_T_cam)
+    line = Geometry(spec.chart, spec.motion, body_T_cam).line_in_cameras(state, False)
+    ratio = 1.0 if state.focal_ratio is None else state.focal_ratio
+    rays = np.column_stack([spec.points.middles(), np.full(len(spec.motion), ratio)])
     # x = depth ray, x cross v = m: the depth has the sign of (ray cross v) . m
     depths = line.sign * np.sum(np.cross(rays, line.direction) * line.moment, axis=1)
     return int(np.sum(depths < 0.0))

@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""The arithmetic of the factor that a spec describes, by the active kernel."""
+"""The arithmetic of the factor that a spec describes, by the active kernel.
+
+The columns of a Jacobian are those of the module `ruled_surface`, but for the camera's pose in the
+body and its focal ratio: where they are variables they come last, in this order.
+"""
 
 from collections.abc import Callable
 from typing import TypeAlias
@@ -14,6 +18,7 @@ from ruledgraph_factors.ruled_surface import (
     COLUMNS,
     COLUMNS_WITH_TIME,
     EXTRINSICS_COLUMNS,
+    FOCAL_COLUMNS,
     Geometry,
     Residual,
     State,
@@ -44,45 +49,54 @@ def evaluation(spec: RuledSurfaceSpec, write: Write | None = None) -> Evaluate:
 
 def jacobian_buffer(spec: RuledSurfaceSpec) -> FloatArray:
     """An uninitialised array for a Jacobian."""
-    columns = COLUMNS if spec.motion.time_jacobian is None else COLUMNS_WITH_TIME
+    columns = _state_columns(spec)
     columns += EXTRINSICS_COLUMNS if spec.has_extrinsics else 0
+    columns += FOCAL_COLUMNS if spec.has_focal_ratio else 0
     return np.empty((spec.points.rows, columns), order="F")
+
+
+def _state_columns(spec: RuledSurfaceSpec) -> int:
+    """Without extrinsics and focal ratio."""
+    return COLUMNS if spec.motion.time_jacobian is None else COLUMNS_WITH_TIME
 
 
 def writing(spec: RuledSurfaceSpec) -> Write:
     """The arithmetic, into arrays of the caller's."""
     if active_kernel() == "native":
         surface = native_surface(spec)
-        if spec.has_extrinsics:
-            return lambda state, value, jacobian: surface.evaluate(*state, value, jacobian)
-        return lambda state, value, jacobian: surface.evaluate(*state[:-1], None, value, jacobian)
-    if not spec.has_extrinsics:
-        return _writing_at(spec, spec.body_T_cam)
+
+        def write_natively(state: State, value: FloatArray, jacobian: FloatArray | None) -> None:
+            surface.evaluate(*_own(spec, state), value, jacobian)
+
+        return write_natively
+    first = _state_columns(spec)
+    last = first + (EXTRINSICS_COLUMNS if spec.has_extrinsics else 0)
 
     def write(state: State, value: FloatArray, jacobian: FloatArray | None) -> None:
-        assert state.body_T_cam is not None  # noqa: S101 - `state_at` and callers give it
-        body_T_cam = gtsam.Pose3(state.body_T_cam)
-        rest = None if jacobian is None else jacobian[:, :-EXTRINSICS_COLUMNS]
-        _writing_at(spec, body_T_cam)(state, value, rest)
-        if jacobian is not None:
-            by_camera = _by_extrinsics(spec, state, body_T_cam, jacobian[:, :6])
-            jacobian[:, -EXTRINSICS_COLUMNS:] = by_camera
-
-    return write
-
-
-def _writing_at(spec: RuledSurfaceSpec, body_T_cam: gtsam.Pose3) -> Write:
-    """In numpy, with the camera there."""
-    geometry = Geometry(spec.chart, spec.motion, body_T_cam)
-
-    def write(state: State, value: FloatArray, jacobian: FloatArray | None) -> None:
-        line = geometry.line_in_cameras(state, jacobian is not None)
-        found = spec.points.residual(line)
+        own = _own(spec, state)
+        camera = spec.body_T_cam if own.body_T_cam is None else gtsam.Pose3(own.body_T_cam)
+        geometry = Geometry(spec.chart, spec.motion, camera)
+        line = geometry.line_in_cameras(own, jacobian is not None)
+        found = spec.points.residual(line, own.focal_ratio)
         value[:] = found.value
-        if jacobian is not None:
-            jacobian[:] = found.jacobian
+        if jacobian is None or found.jacobian is None:
+            return
+        jacobian[:, :first] = found.jacobian[:, :first]
+        if spec.has_extrinsics:
+            jacobian[:, first:last] = _by_extrinsics(spec, own, camera, found.jacobian[:, :6])
+        jacobian[:, last:] = found.jacobian[:, first:]
 
     return write
+
+
+def _own(spec: RuledSurfaceSpec, state: State) -> State:
+    """Without what is no variable of the factor."""
+    if spec.has_extrinsics and spec.has_focal_ratio:
+        return state
+    return state._replace(
+        body_T_cam=state.body_T_cam if spec.has_extrinsics else None,
+        focal_ratio=state.focal_ratio if spec.has_focal_ratio else None,
+    )
 
 
 def native_surface(

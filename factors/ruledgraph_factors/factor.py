@@ -16,24 +16,30 @@ from ruledgraph_factors.evaluation import (
     writing,
 )
 from ruledgraph_factors.factor_spec import ErrorFunction, SpecFactor
-from ruledgraph_factors.ruled_surface import State
-from ruledgraph_factors.spec import Form, RuledSurfaceSpec
+from ruledgraph_factors.ruled_surface import EXTRINSICS_COLUMNS, FOCAL_COLUMNS, State
+from ruledgraph_factors.spec import RuledSurfaceSpec
 from ruledgraph_factors.validation import FloatArray, positive_number, vector_of
 
-_POSE, _VELOCITY, _BIAS = slice(0, 6), slice(6, 9), slice(9, 15)
-_GRAVITY, _LINE, _TIME, _CAMERA = slice(15, 18), slice(18, 22), slice(22, 23), slice(-6, None)
 _NO_VELOCITY, _NO_BIAS = np.zeros(3), np.zeros(6)
-# The columns of the residual's Jacobian that belong to each key.
-_COLUMNS: dict[Form, tuple[slice, ...]] = {
-    "node": (_POSE, _VELOCITY, _BIAS, _LINE),
-    "node_time_offset": (_POSE, _VELOCITY, _BIAS, _TIME, _LINE),
-    "node_extrinsics": (_POSE, _VELOCITY, _BIAS, _CAMERA, _LINE),
-    "node_time_offset_extrinsics": (_POSE, _VELOCITY, _BIAS, _TIME, _CAMERA, _LINE),
-    "node_gravity_direction": (_POSE, _VELOCITY, _BIAS, _GRAVITY, _LINE),
-    "node_gravity_vector": (_POSE, _VELOCITY, _BIAS, _GRAVITY, _LINE),
-    "pose": (_POSE, _LINE),
-    "pose_extrinsics": (_POSE, _CAMERA, _LINE),
+# The columns of the residual's Jacobian that belong to each key, but for those at its end.
+_COLUMNS = {
+    "pose_key": slice(0, 6),
+    "velocity_key": slice(6, 9),
+    "bias_key": slice(9, 15),
+    "gravity_key": slice(15, 18),
+    "line_key": slice(18, 22),
+    "time_key": slice(22, 23),
 }
+
+
+def _columns(spec: RuledSurfaceSpec) -> list[slice]:
+    """Of each key."""
+    focal = FOCAL_COLUMNS if spec.has_focal_ratio else 0
+    at_end = {
+        "extrinsics_key": slice(-EXTRINSICS_COLUMNS - focal, -focal or None),
+        "focal_key": slice(-FOCAL_COLUMNS, None),
+    }
+    return [(_COLUMNS | at_end)[name] for name in spec.key_names]
 
 
 class RuledSurfaceFactor(SpecFactor):
@@ -73,7 +79,7 @@ class _Buffer(NamedTuple):
     @classmethod
     def of(cls, spec: RuledSurfaceSpec) -> "_Buffer":
         jacobian = jacobian_buffer(spec)
-        return cls(jacobian, [jacobian[:, columns] for columns in _COLUMNS[spec.form]])
+        return cls(jacobian, [jacobian[:, columns] for columns in _columns(spec)])
 
 
 class _RuledSurfaceError(ErrorFunction):
@@ -120,8 +126,8 @@ def state_at(spec: RuledSurfaceSpec, keys: list[int], values: gtsam.Values) -> S
         FactorError: when a key holds a vector of the wrong size.
     """
     form = spec.form
-    velocity, bias, gravity, time_shift = _NO_VELOCITY, _NO_BIAS, spec.gravity, 0.0
-    if form not in ("pose", "pose_extrinsics"):
+    velocity, bias, gravity = _NO_VELOCITY, _NO_BIAS, spec.gravity
+    if form != "pose":
         velocity = vector_of(values, keys[1], 3)
         bias = values.atConstantBias(keys[2]).vector()
         if form == "node_gravity_direction":
@@ -129,8 +135,14 @@ def state_at(spec: RuledSurfaceSpec, keys: list[int], values: gtsam.Values) -> S
             gravity = float(np.linalg.norm(gravity)) * direction
         elif form == "node_gravity_vector":
             gravity = vector_of(values, keys[3], 3)
-        elif spec.has_time_offset:
-            time_shift = values.atDouble(keys[3])
+    time_shift, camera, focal_ratio = 0.0, None, None
+    variables = spec.camera_variables
+    for name, key in zip(variables, keys[-1 - len(variables) : -1], strict=True):
+        if name == "time":
+            time_shift = values.atDouble(key)
+        elif name == "extrinsics":
+            camera = values.atPose3(key).matrix()
+        else:
+            focal_ratio = values.atDouble(key)
     pose, line = values.atPose3(keys[0]).matrix(), vector_of(values, keys[-1], 4)
-    camera = values.atPose3(keys[-2]).matrix() if spec.has_extrinsics else None
-    return State(pose, velocity, bias, gravity, line, time_shift, camera)
+    return State(pose, velocity, bias, gravity, line, time_shift, camera, focal_ratio)

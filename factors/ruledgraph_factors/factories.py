@@ -7,6 +7,8 @@ One function for each set of variables; the type of `points` chooses the residua
 first, right perturbation), so that they stand beside native factors in any graph.
 """
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import TypeAlias
 
 import gtsam
@@ -14,11 +16,12 @@ import numpy as np
 from gtsam import noiseModel
 from numpy.typing import ArrayLike
 
+from ruledgraph_factors.errors import FactorError
 from ruledgraph_factors.factor import RuledSurfaceFactor
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.motion import STANDARD_GRAVITY, FrameMotion
 from ruledgraph_factors.observations import GeometricPoints, ReprojectionPoints
-from ruledgraph_factors.spec import Form, RuledSurfaceSpec
+from ruledgraph_factors.spec import CameraVariable, Form, RuledSurfaceSpec
 from ruledgraph_factors.validation import positive_number
 
 Points: TypeAlias = GeometricPoints | ReprojectionPoints
@@ -35,6 +38,10 @@ def ruled_surface_factor(
     points: Points,
     body_T_cam: gtsam.Pose3 | None = None,
     gravity: ArrayLike = STANDARD_GRAVITY,
+    *,
+    time_key: int | None = None,
+    extrinsics_key: int | None = None,
+    focal_key: int | None = None,
 ) -> RuledSurfaceFactor:
     """One line over all frames that follow a state, on that state and the line.
 
@@ -55,87 +62,33 @@ def ruled_surface_factor(
             `ReprojectionPoints` for the paper's.
         body_T_cam: camera pose in the body (IMU) frame, by default identity.
         gravity: in the world, m/s^2.
+        time_key: double, s: how much later than `motion` says the frames were taken. The state
+            stays where it is; the frames' poses move along the motion, to first order (see the
+            module `motion`, which needs `preintegrate_frames(..., with_time=True)`): good for some
+            milliseconds. Where the estimate comes out larger, compute the times of coming frames
+            with it.
+        extrinsics_key: Pose3, `body_T_cam` as a variable. Each camera of a rig has a key of its
+            own; all may see the same line.
+        focal_key: double: the camera's focal length over the one that points were normalised with,
+            about 1. Both focal lengths change by it; distortion is that of the given ones.
+
+    The keys of the factor are in the order of these arguments, the line's last.
 
     Raises:
         FactorError: naming the argument that is wrong.
 
     Source: Zhu, Burner, Aloimonos, arXiv 2512.00327, Eq. 8 to 15, with the inertial motion
-    expressed by a state.
+    expressed by a state; for the time, the frame's own motion in place of Li and Mourikis, "Online
+    temporal calibration for camera-IMU systems", IJRR 2014, who shift the camera's pose likewise.
     """
-    keys = pose_key, velocity_key, bias_key, line_key
-    return _factor("node", noise_model, keys, motion, chart, points, body_T_cam, gravity)
-
-
-def ruled_surface_factor_with_time_offset(
-    noise_model: noiseModel.Base,
-    pose_key: int,
-    velocity_key: int,
-    bias_key: int,
-    time_key: int,
-    line_key: int,
-    motion: FrameMotion,
-    chart: LineChart,
-    points: Points,
-    body_T_cam: gtsam.Pose3 | None = None,
-    gravity: ArrayLike = STANDARD_GRAVITY,
-) -> RuledSurfaceFactor:
-    """`ruled_surface_factor` with the clock of the frames as a variable.
-
-    Takes `time_key` (double, s): how much later than `motion` says the frames were taken. The state
-    stays where it is; the frames' poses move along the motion, to first order (see the module
-    `motion`, which needs `preintegrate_frames(..., with_time=True)`): good for some milliseconds.
-    Where the estimate comes out larger, compute the times of coming frames with it. For all else
-    see `ruled_surface_factor`.
-
-    Source: the frame's own motion in place of Li and Mourikis, "Online temporal calibration for
-    camera-IMU systems", IJRR 2014, who shift the camera's pose likewise.
-    """
-    keys = pose_key, velocity_key, bias_key, time_key, line_key
-    rest = motion, chart, points, body_T_cam, gravity
-    return _factor("node_time_offset", noise_model, keys, *rest)
-
-
-def ruled_surface_factor_with_extrinsics(
-    noise_model: noiseModel.Base,
-    pose_key: int,
-    velocity_key: int,
-    bias_key: int,
-    extrinsics_key: int,
-    line_key: int,
-    motion: FrameMotion,
-    chart: LineChart,
-    points: Points,
-    gravity: ArrayLike = STANDARD_GRAVITY,
-) -> RuledSurfaceFactor:
-    """`ruled_surface_factor` with the camera's pose in the body frame as a variable.
-
-    Takes `extrinsics_key` (Pose3, body_T_cam) in place of `body_T_cam`; for all else see
-    `ruled_surface_factor`. Each camera of a rig has a key of its own; all may see the same line.
-    """
-    keys = pose_key, velocity_key, bias_key, extrinsics_key, line_key
-    return _factor("node_extrinsics", noise_model, keys, motion, chart, points, None, gravity)
-
-
-def ruled_surface_factor_with_time_offset_and_extrinsics(
-    noise_model: noiseModel.Base,
-    pose_key: int,
-    velocity_key: int,
-    bias_key: int,
-    time_key: int,
-    extrinsics_key: int,
-    line_key: int,
-    motion: FrameMotion,
-    chart: LineChart,
-    points: Points,
-    gravity: ArrayLike = STANDARD_GRAVITY,
-) -> RuledSurfaceFactor:
-    """`ruled_surface_factor` with both the clock of the frames and the camera's pose as variables.
-
-    See `ruled_surface_factor_with_time_offset` and `ruled_surface_factor_with_extrinsics`.
-    """
-    keys = pose_key, velocity_key, bias_key, time_key, extrinsics_key, line_key
-    rest = motion, chart, points, None, gravity
-    return _factor("node_time_offset_extrinsics", noise_model, keys, *rest)
+    of_camera: dict[CameraVariable, int | None] = {
+        "time": time_key,
+        "extrinsics": extrinsics_key,
+        "focal": focal_key,
+    }
+    keys = pose_key, velocity_key, bias_key
+    rest = motion, chart, points, body_T_cam, gravity, of_camera
+    return _factor("node", noise_model, keys, line_key, *rest)
 
 
 def ruled_surface_factor_with_gravity_direction(
@@ -158,9 +111,9 @@ def ruled_surface_factor_with_gravity_direction(
     see `ruled_surface_factor`.
     """
     down = [0.0, 0.0, -positive_number("gravity_magnitude", gravity_magnitude)]
-    keys = pose_key, velocity_key, bias_key, gravity_key, line_key
+    keys = pose_key, velocity_key, bias_key, gravity_key
     rest = motion, chart, points, body_T_cam, down
-    return _factor("node_gravity_direction", noise_model, keys, *rest)
+    return _factor("node_gravity_direction", noise_model, keys, line_key, *rest)
 
 
 def ruled_surface_factor_with_gravity_vector(
@@ -180,8 +133,9 @@ def ruled_surface_factor_with_gravity_vector(
     Takes `gravity_key` (Vector3, world gravity in m/s^2), as GTSAM's
     `CombinedImuFactorWithGravityVector`; for all else see `ruled_surface_factor`.
     """
-    keys = pose_key, velocity_key, bias_key, gravity_key, line_key
-    return _factor("node_gravity_vector", noise_model, keys, motion, chart, points, body_T_cam)
+    keys = pose_key, velocity_key, bias_key, gravity_key
+    rest = motion, chart, points, body_T_cam
+    return _factor("node_gravity_vector", noise_model, keys, line_key, *rest)
 
 
 def ruled_surface_pose_factor(
@@ -191,51 +145,44 @@ def ruled_surface_pose_factor(
     chart: LineChart,
     points: Points,
     body_T_cam: gtsam.Pose3 | None = None,
+    *,
+    extrinsics_key: int | None = None,
+    focal_key: int | None = None,
 ) -> RuledSurfaceFactor:
     """One line in one frame, for a graph that has a pose at every frame.
 
     `pose_key` (Pose3) is world_T_body, or world_T_cam without `body_T_cam`; `points` hold that one
     frame. For all else see `ruled_surface_factor`.
     """
-    keys = pose_key, line_key
-    rest = FrameMotion.at_rest()
-    return _factor("pose", noise_model, keys, rest, chart, points, body_T_cam)
-
-
-def ruled_surface_pose_factor_with_extrinsics(
-    noise_model: noiseModel.Base,
-    pose_key: int,
-    extrinsics_key: int,
-    line_key: int,
-    chart: LineChart,
-    points: Points,
-) -> RuledSurfaceFactor:
-    """`ruled_surface_pose_factor` with the camera's pose in the body frame as a variable.
-
-    Takes `extrinsics_key` (Pose3, body_T_cam) in place of `body_T_cam`.
-    """
-    keys = pose_key, extrinsics_key, line_key
-    return _factor("pose_extrinsics", noise_model, keys, FrameMotion.at_rest(), chart, points)
+    of_camera: dict[CameraVariable, int | None] = {"extrinsics": extrinsics_key, "focal": focal_key}
+    rest = FrameMotion.at_rest(), chart, points, body_T_cam
+    return _factor("pose", noise_model, (pose_key,), line_key, *rest, of_camera=of_camera)
 
 
 def _factor(
     form: Form,
     noise_model: noiseModel.Base,
     keys: tuple[int, ...],
+    line_key: int,
     motion: FrameMotion,
     chart: LineChart,
     points: Points,
     body_T_cam: gtsam.Pose3 | None = None,
     gravity: ArrayLike = STANDARD_GRAVITY,
+    of_camera: Mapping[CameraVariable, int | None] = MappingProxyType({}),
 ) -> RuledSurfaceFactor:
+    variables = {name: key for name, key in of_camera.items() if key is not None}
+    if "extrinsics" in variables and body_T_cam is not None:
+        raise FactorError("body_T_cam is the variable of extrinsics_key: pass one of the two")
     spec = RuledSurfaceSpec(
         form=form,
-        keys=keys,
+        keys=(*keys, *variables.values(), line_key),
         noise_model=noise_model,
         chart=chart,
         motion=motion,
         points=points,
         body_T_cam=gtsam.Pose3() if body_T_cam is None else body_T_cam,
         gravity=np.asarray(gravity),
+        camera_variables=tuple(variables),
     )
     return RuledSurfaceFactor(spec)

@@ -54,7 +54,7 @@ def with_imu_noise(
         FactorError: naming the argument that is wrong.
     """
     spec = factor.spec
-    if not isinstance(spec.points, GeometricPoints) or spec.form in ("pose", "pose_extrinsics"):
+    if not isinstance(spec.points, GeometricPoints) or spec.form == "pose":
         raise FactorError("factor must be of geometric points and of a state")
     if not isinstance(spec.noise_model, noiseModel.Gaussian):
         raise FactorError("factor: its noise model must be Gaussian, not robust")

@@ -152,9 +152,19 @@ class GeometricPoints:
         rows[:, 1, :2] = lengths[:, None] * axes[:, :, 1]
         return GeometricPoints(np.asarray(np.linalg.qr(rows, mode="r")))
 
-    def residual(self, line: CameraLine) -> Residual:
+    def with_focal_ratio(self, ratio: float) -> "GeometricPoints":
+        """The same points in a camera whose focal length is `ratio` times the one that they were
+        normalised with: (x / ratio, y / ratio).
+
+        Raises:
+            FactorError: for a ratio that is not positive and finite.
+        """
+        scale = 1.0 / positive_number("ratio", ratio)
+        return GeometricPoints(self.statistics * [scale, scale, 1.0])
+
+    def residual(self, line: CameraLine, focal_ratio: float | None = None) -> Residual:
         """`geometric_residual` of these points."""
-        return geometric_residual(line, self.statistics)
+        return geometric_residual(line, self.statistics, focal_ratio)
 
     def mean_distance(self, residual: FloatArray) -> float:
         """Mean signed distance of all points from their lines, by the residual's value, (3n,).
@@ -226,9 +236,10 @@ class ReprojectionPoints:
         sums = [np.bincount(self.frame, weights * column) for column in self.points.T]
         return np.stack(sums, axis=1) / totals[:, None]
 
-    def residual(self, line: CameraLine) -> Residual:
+    def residual(self, line: CameraLine, focal_ratio: float | None = None) -> Residual:
         """`reprojection_residual` of these points."""
-        return reprojection_residual(line, self.points, self.sqrt_weights, self.frame)
+        arrays = self.points, self.sqrt_weights, self.frame
+        return reprojection_residual(line, *arrays, focal_ratio)
 
 
 def compress_in_numpy(points: FloatArray, sqrt_weights: FloatArray, counts: IntArray) -> FloatArray:

@@ -17,8 +17,13 @@ and compared with the edge points in one of two ways:
   r = p - (S + alpha d)_xy / (S + alpha d)_z, two rows a point.
 
 The columns of a Jacobian are, in this order, the tangents of pose (6), velocity (3), bias (6),
-gravity (3) and line (4); of a motion with a `time_jacobian` also the frames' shift in time (1); of
-a state with `body_T_cam` also that of the camera's pose in the body (6).
+gravity (3) and line (4); of a motion with a `time_jacobian` also the frames' shift in time (1), and
+last, of a state with a `focal_ratio`, that of it (1).
+
+A camera whose focal length is s times the one that points were normalised with has the images of a
+space that is stretched by D = diag(s, s, 1): m becomes (m_x, m_y, s m_z), S and d become D S and
+D d. So the noise of points is one in pixels, which s does not change. Both focal lengths have the
+same ratio, and distortion is that of the given ones.
 """
 
 from typing import NamedTuple
@@ -31,7 +36,7 @@ from ruledgraph_factors.motion import FrameMotion
 from ruledgraph_factors.so3 import hat
 from ruledgraph_factors.validation import FloatArray, IntArray
 
-COLUMNS, COLUMNS_WITH_TIME, EXTRINSICS_COLUMNS = 22, 23, 6
+COLUMNS, COLUMNS_WITH_TIME, EXTRINSICS_COLUMNS, FOCAL_COLUMNS = 22, 23, 6, 1
 # A ruling with |m_xy| below this (for a unit Pluecker pair) has no finite image line: the camera's
 # centre lies on the line, or the line lies in the camera's focal plane.
 NO_RULING = 1e-9
@@ -59,6 +64,9 @@ class State(NamedTuple):
     """How much later than their motion says the frames were taken, s."""
     body_T_cam: FloatArray | None = None
     """The camera's pose in the body, (4, 4), where it is a variable."""
+    focal_ratio: float | None = None
+    """Of the camera's focal length to the one that points were normalised with, where it is a
+    variable."""
 
 
 class CameraLine(NamedTuple):
@@ -147,7 +155,9 @@ class Geometry:
         return CameraLine(moment, direction, sign, jacobian[:, :3], jacobian[:, 3:])
 
 
-def geometric_residual(line: CameraLine, statistics: FloatArray) -> Residual:
+def geometric_residual(
+    line: CameraLine, statistics: FloatArray, focal_ratio: float | None = None
+) -> Residual:
     """Compressed distances of the points to the projected ruling, C m / |m_xy|: (3n,).
 
     A frame without a finite ruling (see `NO_RULING`) carries no information: zero rows. Which side
@@ -156,11 +166,15 @@ def geometric_residual(line: CameraLine, statistics: FloatArray) -> Residual:
     Args:
         line: in the n cameras.
         statistics: C of each frame, (n, 3, 3), of `GeometricPoints`.
+        focal_ratio: s, where it is a variable: the Jacobian has a column more.
     """
     size = np.hypot(line.moment[:, 0], line.moment[:, 1])
     visible = size > NO_RULING
     inverse = np.where(visible, 1.0 / np.where(visible, size, 1.0), 0.0)[:, None]
     unit = line.moment * inverse
+    by_ratio = (statistics[:, :, 2] * unit[:, 2:]).reshape(-1, 1)
+    if focal_ratio is not None:
+        statistics = statistics * [1.0, 1.0, focal_ratio]
     value = (statistics @ unit[..., None]).reshape(-1)
     if line.d_moment is None:
         return Residual(value, None)
@@ -169,11 +183,18 @@ def geometric_residual(line: CameraLine, statistics: FloatArray) -> Residual:
     projector[:] = np.eye(3)
     projector[:, :, :2] -= unit[:, :, None] * unit[:, None, :2]
     jacobian = (statistics @ projector * inverse[..., None]) @ line.d_moment
-    return Residual(value, jacobian.reshape(value.size, -1))
+    jacobian = jacobian.reshape(value.size, -1)
+    if focal_ratio is not None:
+        jacobian = np.hstack([jacobian, by_ratio])
+    return Residual(value, jacobian)
 
 
 def reprojection_residual(
-    line: CameraLine, points: FloatArray, sqrt_weights: FloatArray, frame: IntArray
+    line: CameraLine,
+    points: FloatArray,
+    sqrt_weights: FloatArray,
+    frame: IntArray,
+    focal_ratio: float | None = None,
 ) -> Residual:
     """The paper's ruling reprojection error with alpha in closed form: (2N,), two rows a point.
 
@@ -187,11 +208,13 @@ def reprojection_residual(
         points: of all frames, (N, 2).
         sqrt_weights: (N,).
         frame: the index of each point's frame, (N,).
+        focal_ratio: s, where it is a variable: the Jacobian has a column more.
     """
     # S = d x m is the point of the line closest to the camera's centre, times sin(phi): the common
     # factor keeps a line at infinity regular and leaves alpha's foot in the same place.
-    closest = np.cross(line.direction, line.moment)[frame]
-    direction = line.direction[frame]
+    stretch = np.array([1.0, 1.0, 1.0]) if focal_ratio is None else [focal_ratio, focal_ratio, 1.0]
+    in_camera = np.cross(line.direction, line.moment)[frame], line.direction[frame]
+    closest, direction = (vector * stretch for vector in in_camera)
     p_matrix = points * direction[:, 2:] - direction[:, :2]
     phi = closest[:, :2] - points * closest[:, 2:]
     pp = np.sum(p_matrix * p_matrix, axis=1)
@@ -212,6 +235,13 @@ def reprojection_residual(
 
     d_closest = (hat(line.direction) @ line.d_moment - hat(line.moment) @ line.d_direction)[frame]
     d_direction = line.d_direction[frame]
+    if focal_ratio is not None:
+        d_closest, d_direction = (
+            np.concatenate(
+                [d * np.reshape(stretch, (3, 1)), (vector * [1, 1, 0])[..., None]], axis=2
+            )
+            for d, vector in zip((d_closest, d_direction), in_camera, strict=True)
+        )
     d_p_matrix = points[..., None] * d_direction[:, 2:] - d_direction[:, :2]
     d_phi = d_closest[:, :2] - points[..., None] * d_closest[:, 2:]
     # d alpha = (Phi . dP + P . dPhi - 2 alpha P . dP) / P . P

@@ -17,28 +17,26 @@ from ruledgraph_factors.noise import noise_from_dict
 from ruledgraph_factors.observations import GeometricPoints, ReprojectionPoints
 from ruledgraph_factors.validation import FloatArray, finite_array, instance, pose
 
-Form: TypeAlias = Literal[
-    "node",
-    "node_time_offset",
-    "node_extrinsics",
-    "node_time_offset_extrinsics",
-    "node_gravity_direction",
-    "node_gravity_vector",
-    "pose",
-    "pose_extrinsics",
-]
-"""Which variables a factor connects, see `KEY_NAMES`."""
+Form: TypeAlias = Literal["node", "node_gravity_direction", "node_gravity_vector", "pose"]
+"""Which variables a factor connects, beside the line and those of the camera."""
+
+CameraVariable: TypeAlias = Literal["time", "extrinsics", "focal"]
+"""What of the camera is a variable: the clock of its frames (double), its pose in the body (Pose3),
+the ratio of its focal length to the one that points were normalised with (double)."""
 
 _NODE = ("pose_key", "velocity_key", "bias_key")
-KEY_NAMES: dict[Form, tuple[str, ...]] = {
-    "node": (*_NODE, "line_key"),
-    "node_time_offset": (*_NODE, "time_key", "line_key"),
-    "node_extrinsics": (*_NODE, "extrinsics_key", "line_key"),
-    "node_time_offset_extrinsics": (*_NODE, "time_key", "extrinsics_key", "line_key"),
-    "node_gravity_direction": (*_NODE, "gravity_key", "line_key"),
-    "node_gravity_vector": (*_NODE, "gravity_key", "line_key"),
-    "pose": ("pose_key", "line_key"),
-    "pose_extrinsics": ("pose_key", "extrinsics_key", "line_key"),
+_KEY_NAMES: dict[Form, tuple[str, ...]] = {
+    "node": _NODE,
+    "node_gravity_direction": (*_NODE, "gravity_key"),
+    "node_gravity_vector": (*_NODE, "gravity_key"),
+    "pose": ("pose_key",),
+}
+# A pose is given, not moved to the times of frames; gravity is a variable of a first window alone.
+_OF_CAMERA: dict[Form, tuple[CameraVariable, ...]] = {
+    "node": get_args(CameraVariable),
+    "node_gravity_direction": (),
+    "node_gravity_vector": (),
+    "pose": ("extrinsics", "focal"),
 }
 
 
@@ -46,29 +44,40 @@ KEY_NAMES: dict[Form, tuple[str, ...]] = {
 class RuledSurfaceSpec(FactorSpec):
     """Everything that defines a point-to-ruled-surface factor.
 
-    `keys` are in the order of `KEY_NAMES[form]`; `noise_model` is of dimension `points.rows`, of
-    one point of weight 1 in normalised image units.
+    `keys` are in the order of `key_names`; `noise_model` is of dimension `points.rows`, of one
+    point of weight 1 in normalised image units.
 
     Raises:
         FactorError: for input no factor can be built from; the message names the argument.
     """
 
-    FORMAT: ClassVar[str] = "ruledgraph_factors.RuledSurfaceSpec/1"
+    FORMAT: ClassVar[str] = "ruledgraph_factors.RuledSurfaceSpec/2"
 
     form: Form
     chart: LineChart
     motion: FrameMotion
     points: GeometricPoints | ReprojectionPoints
     body_T_cam: gtsam.Pose3
-    """In the forms with extrinsics it is a variable and this is not used."""
+    """Not used where the extrinsics are a variable."""
     gravity: FloatArray
     """World gravity, (3,), m/s^2; in the form "node_gravity_direction" only its norm counts, in
     "node_gravity_vector" and "pose" it is not used."""
+    camera_variables: tuple[CameraVariable, ...] = ()
+    """Some of "time", "extrinsics" and "focal", in this order; "pose" has no time, and where
+    gravity is a variable none of the camera is."""
 
     def __post_init__(self) -> None:
         if self.form not in get_args(Form):
             raise FactorError(f"form must be one of {', '.join(get_args(Form))}, not {self.form!r}")
-        names = KEY_NAMES[self.form]
+        allowed, variables = _OF_CAMERA[self.form], tuple(self.camera_variables)
+        if variables != tuple(name for name in allowed if name in variables):
+            of = ", ".join(allowed) or "none"
+            raise FactorError(
+                f"camera_variables of the form {self.form!r} can be {of}, in this order, not "
+                f"{variables!r}"
+            )
+        object.__setattr__(self, "camera_variables", variables)
+        names = self.key_names
         if len(self.keys) != len(names):
             raise FactorError(
                 f"keys: the form {self.form!r} takes {len(names)}: {', '.join(names)}"
@@ -93,14 +102,25 @@ class RuledSurfaceSpec(FactorSpec):
         object.__setattr__(self, "gravity", finite_array("gravity", self.gravity, (3,)))
 
     @property
+    def key_names(self) -> tuple[str, ...]:
+        """What each of `keys` is."""
+        of_camera = (f"{name}_key" for name in self.camera_variables)
+        return *_KEY_NAMES[self.form], *of_camera, "line_key"
+
+    @property
     def has_extrinsics(self) -> bool:
-        """Whether the camera's pose in the body is a variable, the last key but one."""
-        return self.form.endswith("extrinsics")
+        """Whether the camera's pose in the body is a variable."""
+        return "extrinsics" in self.camera_variables
 
     @property
     def has_time_offset(self) -> bool:
-        """Whether the frames' shift in time is a variable, `keys[3]`."""
-        return self.form.startswith("node_time_offset")
+        """Whether the frames' shift in time is a variable."""
+        return "time" in self.camera_variables
+
+    @property
+    def has_focal_ratio(self) -> bool:
+        """Whether the ratio of the focal length to the calibrated one is a variable."""
+        return "focal" in self.camera_variables
 
     @property
     def rows(self) -> int:
@@ -127,7 +147,8 @@ class RuledSurfaceSpec(FactorSpec):
         return replace(self, noise_model=noise_model)
 
     def _header(self) -> dict[str, Any]:
-        return {**super()._header(), "form": self.form}
+        variables = list(self.camera_variables)
+        return {**super()._header(), "form": self.form, "camera_variables": variables}
 
     def _arrays(self) -> dict[str, Any]:
         arrays: dict[str, Any] = {
@@ -173,4 +194,5 @@ class RuledSurfaceSpec(FactorSpec):
             points=points,
             body_T_cam=pose3("body_T_cam", arrays["body_T_cam"]),
             gravity=arrays["gravity"],
+            camera_variables=tuple(header["camera_variables"]),
         )

@@ -32,8 +32,9 @@ using namespace ruledgraph;
 class SpecFactor : public LineObservation {
  public:
   SpecFactor(const py::object& spec, Form form, const gtsam::SharedNoiseModel& noise_model,
-             const gtsam::KeyVector& keys, RuledSurface surface, const Vector3& gravity)
-      : LineObservation(form, noise_model, keys, std::move(surface), gravity),
+             const gtsam::KeyVector& keys, const CameraKeys& camera, gtsam::Key line_key,
+             RuledSurface surface, const Vector3& gravity)
+      : LineObservation(form, noise_model, keys, camera, line_key, std::move(surface), gravity),
         spec_(new py::object(spec), &forget) {}
 
   py::object spec() const { return spec_ ? *spec_ : py::none(); }
@@ -64,13 +65,9 @@ LineObservation::Form form_of(const std::string& name) {
   using Form = LineObservation::Form;
   static const std::map<std::string, Form> kForms{
       {"node", Form::kNode},
-      {"node_time_offset", Form::kTimeOffset},
-      {"node_extrinsics", Form::kExtrinsics},
-      {"node_time_offset_extrinsics", Form::kTimeOffsetExtrinsics},
       {"node_gravity_direction", Form::kGravityDirection},
       {"node_gravity_vector", Form::kGravityVector},
       {"pose", Form::kPose},
-      {"pose_extrinsics", Form::kPoseExtrinsics},
   };
   return kForms.at(name);
 }
@@ -129,11 +126,19 @@ LineChart chart_of(const py::dict& arrays) {
 std::shared_ptr<SpecFactor> native_factor(const py::object& spec, const py::dict& arrays) {
   const FrameMotions motions = motions_of(arrays);
   const gtsam::Pose3 body_T_cam(arrays["body_T_cam"].cast<gtsam::Matrix>());
-  const auto keys = spec.attr("keys").cast<std::vector<gtsam::Key>>();
+  auto keys = spec.attr("keys").cast<gtsam::KeyVector>();
+  const gtsam::Key line_key = keys.back();
+  keys.pop_back();
+  const auto variables = spec.attr("camera_variables").cast<std::vector<std::string>>();
+  CameraKeys camera;
+  for (auto name = variables.rbegin(); name != variables.rend(); ++name) {
+    auto& key = *name == "time" ? camera.time : *name == "focal" ? camera.focal : camera.extrinsics;
+    key = keys.back();
+    keys.pop_back();
+  }
   return std::make_shared<SpecFactor>(
       spec, form_of(spec.attr("form").cast<std::string>()),
-      spec.attr("noise_model").cast<gtsam::SharedNoiseModel>(),
-      gtsam::KeyVector(keys.begin(), keys.end()),
+      spec.attr("noise_model").cast<gtsam::SharedNoiseModel>(), keys, camera, line_key,
       RuledSurface(chart_of(arrays), motions, points_of(arrays, motions.frames.size()), body_T_cam),
       arrays["gravity"].cast<Vector3>());
 }

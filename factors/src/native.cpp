@@ -109,7 +109,7 @@ nb::class_<Surface> bind_surface(nb::module_& module, const char* name) {
   return nb::class_<Surface>(module, name)
       .def("evaluate", &Surface::evaluate, nb::arg("world_T_body"), nb::arg("velocity"),
            nb::arg("bias"), nb::arg("gravity"), nb::arg("line"), nb::arg("time_shift"),
-           nb::arg("body_T_cam").none(), nb::arg("residual"),
+           nb::arg("body_T_cam").none(), nb::arg("focal_ratio").none(), nb::arg("residual"),
            nb::arg("jacobian").noconvert().none())
       .def("fit_line", &Surface::fit_line, nb::arg("world_T_body"), nb::arg("velocity"),
            nb::arg("bias"), nb::arg("gravity"), nb::arg("starts"), nb::arg("information"),

@@ -77,40 +77,45 @@ struct RuledSurface {
 
   void evaluate(const Matrix4d& world_T_body, const Vector3& velocity, const Vector6& bias,
                 const Vector3& gravity, const Eigen::Vector4d& line, double time_shift,
-                const std::optional<Matrix4d>& body_T_cam, VectorOut residual,
-                JacobianArray jacobian) const {
+                const std::optional<Matrix4d>& body_T_cam, std::optional<double> focal_ratio,
+                VectorOut residual, JacobianArray jacobian) const {
     const State state{world_T_body.topLeftCorner<3, 3>(),
                       world_T_body.topRightCorner<3, 1>(),
                       velocity,
                       bias,
                       gravity,
                       line,
-                      time_shift};
+                      time_shift,
+                      focal_ratio.value_or(1.0)};
     require(residual.size() == points.rows(), "residual has the wrong length");
+    const bool with_focal = focal_ratio.has_value();
     if (!body_T_cam) {
-      evaluate_at(geometry, state, false, residual, jacobian);
+      evaluate_at(geometry, state, false, with_focal, residual, jacobian);
       return;
     }
     evaluate_at(
         geometry.with_camera(body_T_cam->topLeftCorner<3, 3>(), body_T_cam->topRightCorner<3, 1>()),
-        state, true, residual, jacobian);
+        state, true, with_focal, residual, jacobian);
   }
 
   void evaluate_at(const Geometry& geometry, const State& state, bool with_extrinsics,
-                   VectorOut residual, JacobianArray jacobian) const {
+                   bool with_focal, VectorOut residual, JacobianArray jacobian) const {
     if (!jacobian.is_valid()) {
       ruledgraph::evaluate(geometry, points, state, residual, nullptr);
       return;
     }
-    const Index own = geometry.columns(), columns = own + (with_extrinsics ? 6 : 0);
+    const Index own = geometry.columns(), at_end = own + (with_extrinsics ? 6 : 0);
+    const Index columns = at_end + (with_focal ? 1 : 0);
     require(static_cast<Index>(jacobian.shape(0)) == points.rows() &&
                 static_cast<Index>(jacobian.shape(1)) == columns,
             "jacobian has the wrong number of rows or columns");
     Eigen::Map<Eigen::MatrixXd> all(jacobian.data(), points.rows(), columns);
     MatrixOut out = all.leftCols(own);
-    ruledgraph::evaluate(geometry, points, state, residual, &out);
+    VectorOut by_focal_ratio = all.col(columns - 1);
+    ruledgraph::evaluate(geometry, points, state, residual, &out,
+                         with_focal ? &by_focal_ratio : nullptr);
     if (with_extrinsics) {
-      all.rightCols<6>() = by_extrinsics(geometry, points, state, all.leftCols<6>());
+      all.middleCols<6>(own) = by_extrinsics(geometry, points, state, all.leftCols<6>());
     }
   }
 

@@ -14,28 +14,33 @@ from ruledgraph.odometry import Odometry
 
 
 def calibration_summary(odometry: Odometry) -> dict[str, Any]:
-    """Time offset, extrinsics and readout: what was given and found."""
+    """Time offset, extrinsics, focal length and readout: what was given and found."""
     readout, found_readout = odometry.calibration.readout, odometry.clock_search.readout.found
     rolling: dict[str, Any] = {"readout_s": readout} if readout else {}
     if found_readout is not None:
         rolling = {"readout_s": found_readout.value, "readout_sigma_s": found_readout.sigma}
-    found = {"time_offset": _time_offset(odometry), "extrinsics": _extrinsics(odometry)}
+    found = {
+        "time_offset": _time_offset(odometry),
+        "extrinsics": _extrinsics(odometry),
+        "focal_length": _focal_length(odometry),
+    }
     return found | rolling
 
 
 def write_found_calibration(odometry: Odometry, path: Path) -> None:
-    """Write the calibration with the time offset, the extrinsics and the readout as they are known
-    by now; the rest, such as the IMU's noise figures, as given.
+    """Write the calibration with time offset, extrinsics, focal length and readout as known by now;
+    the rest, such as the IMU's noise figures, as given.
 
     Raises:
         CalibrationError: when it cannot be written.
     """
-    known = odometry.mounting.calibration
+    known, ratio = odometry.mounting.calibration, odometry.mounting.focal_length
     offset = odometry.time_offset.value
     if known.stamp_at_middle_row:
         offset -= 0.5 * known.readout  # the file's is of the first row
     found = dataclasses.replace(
         odometry.calibration,
+        camera=known.camera if ratio is None else known.camera.with_focal_ratio(ratio.value),
         body_T_cam=known.body_T_cam,
         line_delay=known.line_delay,
         time_offset=offset,
@@ -75,3 +80,11 @@ def _extrinsics(odometry: Odometry) -> dict[str, Any]:
         "sigma_translation_m": float(np.sqrt(variances[-1])),
         "T_cam_imu": known.body_T_cam.inverse().matrix().tolist(),
     }
+
+
+def _focal_length(odometry: Odometry) -> dict[str, Any]:
+    """Over the calibration's."""
+    known = odometry.mounting.focal_length
+    if known is None:
+        return {"estimated": False}
+    return {"estimated": True, "ratio": known.value, "sigma_ratio": known.sigma}

@@ -14,7 +14,8 @@ _WIDTH = 13
 def summary_text(summary: Mapping[str, Any], output: Path, *, rerun: Path | None = None) -> str:
     """A table of one row for each thing a person asks first, and the command to go on with."""
     rows = [*_frames(summary), *_accuracy(summary.get("accuracy", {})), *_offset(summary)]
-    rows += [*_extrinsics(summary), *_edges(summary), *_innovations(summary)]
+    rows += [*_extrinsics(summary), *_focal_length(summary), *_edges(summary)]
+    rows += _innovations(summary)
     speed = f"{summary['recording_s']:.1f} s of recording in {summary['wall_s']:.1f} s"
     if summary["recording_s"] > 0.0:
         speed += f", {summary['real_time_factor']:.2f} of real time"
@@ -97,6 +98,17 @@ def _extrinsics(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         f"moved by {1e3 * found['translation_m']:.1f} ± {1e3 * found['sigma_translation_m']:.1f} "
         "mm from the calibration's, estimated",
     )
+
+
+def _focal_length(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    found = summary.get("focal_length")
+    if not found:
+        return
+    if not found["estimated"]:
+        yield "Focal length", "as given, not estimated"
+        return
+    change, sigma = 100.0 * (found["ratio"] - 1.0), 100.0 * found["sigma_ratio"]
+    yield "Focal length", f"{change:+.2f} ± {sigma:.2f} % from the calibration's, estimated"
 
 
 def _edges(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

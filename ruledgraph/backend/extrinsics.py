@@ -3,31 +3,32 @@
 """The camera's pose in the body, estimated in the window.
 
 A calibrated mounting is off by a degree or so, or the camera was bumped. The variable E(k) is
-body_T_cam of the frames after state k. A single one for all frames would stay linearised where it
-was when its first neighbours left the window; so each interval has its own, tied to the last by
+body_T_cam of the frames after state k, tied to the last by
 
     E(k) = E(k-1) Exp(n),    n ~ N(0, diag(rotation_walk^2, translation_walk^2) (t_k - t_{k-1})).
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import gtsam
 import numpy as np
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import E
+from typing_extensions import Self
 
+from ruledgraph.backend.camera_variable import CameraVariable
 from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.config import Config
 from ruledgraph.core.extrinsics import Extrinsics
 
 
 @dataclass(eq=False)
-class ExtrinsicsState:
+class ExtrinsicsState(CameraVariable):
     """Variable of the camera's pose in the body in one interval's frames."""
 
-    index: int
-    """k, of its state."""
-    time: float
-    """Of that state, s."""
+    SIZE: ClassVar[int] = 6
+
     body_T_cam: gtsam.Pose3
     """The estimate of E(k)."""
     covariance: FloatArray
@@ -43,15 +44,26 @@ class ExtrinsicsState:
         """The estimate."""
         return Extrinsics(self.body_T_cam, self.covariance)
 
+    def insert(self, values: gtsam.Values) -> None:
+        """Add the estimate."""
+        values.insert(self.key, self.body_T_cam)
+
+    def read(self, estimate: gtsam.Values) -> None:
+        """Take over what the smoother found."""
+        self.body_T_cam = estimate.atPose3(self.key)
+
+    def read_covariance(self, covariance: FloatArray) -> None:
+        """Take over a marginal, (6, 6)."""
+        self.covariance = covariance
+
     def prior(self) -> gtsam.NonlinearFactor:
         """Prior on the first one of a window."""
         noise = noiseModel.Gaussian.Covariance(self.covariance)
         return gtsam.PriorFactorPose3(self.key, self.body_T_cam, noise)
 
-    def random_walk_factor(
-        self, before: "ExtrinsicsState", rotation_walk: float, translation_walk: float
-    ) -> gtsam.NonlinearFactor:
-        """See the head of this file; the walks in rad/sqrt(s) and m/sqrt(s)."""
-        sigmas = np.repeat([rotation_walk, translation_walk], 3)
+    def random_walk_factor(self, before: Self, config: Config) -> gtsam.NonlinearFactor:
+        """See the head of this file."""
+        own = config.extrinsics
+        sigmas = np.repeat([own.rotation_random_walk, own.translation_random_walk], 3)
         noise = noiseModel.Diagonal.Sigmas(sigmas * np.sqrt(self.time - before.time))
         return gtsam.BetweenFactorPose3(before.key, self.key, gtsam.Pose3(), noise)

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import gtsam
 from gtsam.symbol_shorthand import B, V, X
 
-from ruledgraph.backend.states import StateNode, insert_state
+from ruledgraph.backend.states import Interval, StateNode, insert_state
+from ruledgraph.core.config import Config
 
 
 @dataclass(eq=False)
@@ -25,3 +26,13 @@ class GraphUpdate:
         """Add the variables of a state."""
         insert_state(self.values, node)
         self.times |= {key(node.index): node.time for key in (X, V, B)}
+
+    def insert_camera(self, interval: Interval, before: Interval | None, config: Config) -> None:
+        """Add an interval's variables of the camera, tied to those of the interval before; the
+        first one's have priors.
+        """
+        for variable in interval.camera.estimated:
+            variable.insert(self.values)
+            self.times[variable.key] = variable.time
+        for factor in interval.camera.factors(before.camera if before else None, config):
+            self.factors.add(factor)

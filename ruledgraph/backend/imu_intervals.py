@@ -10,9 +10,8 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
-from ruledgraph.backend.extrinsics import ExtrinsicsState
+from ruledgraph.backend.self_calibration import CameraVariables
 from ruledgraph.backend.states import Interval, StateNode
-from ruledgraph.backend.time_offset import TimeOffsetState
 from ruledgraph.calibration.sensors import ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import StartConfig
@@ -28,8 +27,7 @@ def imu_interval(
     imu: ImuBuffer,
     noise: ImuNoise,
     scale_sigma: float,
-    time_offset: TimeOffsetState | None,
-    extrinsics: ExtrinsicsState | None,
+    camera: CameraVariables,
     still: bool,
 ) -> tuple[Interval, StateNode]:
     """The frames after a state with their motion, and the state at the last of them.
@@ -42,13 +40,12 @@ def imu_interval(
         imu: samples that cover them.
         noise: of the IMU.
         scale_sigma: the setting `imu.accelerometer_scale_sigma`.
-        time_offset: the time offset of the frames, when that is estimated.
-        extrinsics: the camera's pose in the body, when that is estimated.
+        camera: what is estimated of the camera in these frames.
         still: whether the body rested all the time.
     """
     samples = imu.between(node.time, times[-1])
     # At rest the noise of the gyroscope would make the offset look observable.
-    timed = time_offset is not None and not still
+    timed = camera.time_offset is not None and not still
     motion = preintegrate_frames(samples, node.time, times, node.bias, with_time=timed)
     noise = _with_scale_errors(noise, node, motion, imu.gravity, scale_sigma)
     params, reliable_frames = noise.preintegration_params(imu.gravity), len(times)
@@ -70,8 +67,7 @@ def imu_interval(
         [_factor(node, preintegrated)],
         reliable_frames,
         repeats_frame,
-        time_offset,
-        extrinsics,
+        camera,
         still,
     )
     return interval, StateNode(node.index + 1, times[-1], state, node.bias, node.covariance)

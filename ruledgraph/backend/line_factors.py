@@ -24,9 +24,6 @@ from ruledgraph_factors import (
     line_distance_factor,
     new_line_factor,
     ruled_surface_factor,
-    ruled_surface_factor_with_extrinsics,
-    ruled_surface_factor_with_time_offset,
-    ruled_surface_factor_with_time_offset_and_extrinsics,
 )
 
 
@@ -85,24 +82,19 @@ def observation(
     is_whole = len(index) == len(interval.stamps)
     motion = interval.motion if is_whole else interval.motion.select(list(index))
     state, rest = (X(k), V(k), B(k)), (motion, line.chart, compressed)
-    extrinsics = interval.extrinsics
-    body_T_cam = model.body_T_cam if extrinsics is None else extrinsics.body_T_cam
-    gravity = interval.gravity
-    # At rest, too: lines placed with a given mounting would hold it there.
-    free = None if extrinsics is None else extrinsics.key
-    clock = None if motion.time_jacobian is None else interval.time_offset
-    if clock is not None and free is not None:
-        factor = ruled_surface_factor_with_time_offset_and_extrinsics(
-            noise, *state, clock.key, free, line.key, *rest, gravity
-        )
-    elif clock is not None:
-        factor = ruled_surface_factor_with_time_offset(
-            noise, *state, clock.key, line.key, *rest, body_T_cam, gravity
-        )
-    elif free is not None:
-        factor = ruled_surface_factor_with_extrinsics(noise, *state, free, line.key, *rest, gravity)
-    else:
-        factor = ruled_surface_factor(noise, *state, line.key, *rest, body_T_cam, gravity)
+    offset, extrinsics, focal_ratio = interval.camera
+    # The camera's own at rest, too: lines placed with a given mounting would hold it there.
+    factor = ruled_surface_factor(
+        noise,
+        *state,
+        line.key,
+        *rest,
+        None if extrinsics else model.body_T_cam,
+        interval.gravity,
+        time_key=offset.key if offset and motion.time_jacobian is not None else None,
+        extrinsics_key=extrinsics.key if extrinsics else None,
+        focal_key=focal_ratio.key if focal_ratio else None,
+    )
     factor.weight = line.weight
     return LineObservation(line, factor, compressed, (index[-1], sightings[-1].points))
 

@@ -161,6 +161,7 @@ class LineGraphBuilder:
             of_frames = interval.cameras(self._model.body_T_cam)
             cameras += [of_frames[i] for i in index]
         points = compressed_points([sighting for part in seen for sighting in part.sightings])
+        points = points.with_focal_ratio(seen[-1].interval.focal_ratio)
         try:
             fit = triangulate_line(cameras, points, self._model.sigma)
         except FactorError:

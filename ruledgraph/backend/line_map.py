@@ -179,7 +179,7 @@ class LineMap:
             elif not bad:
                 good.append(line)
                 cameras.append(of_frames[frame])
-                ends.append(last_points[[0, -1]])
+                ends.append(last_points[[0, -1]] / interval.focal_ratio)
         record_extent(good, cameras, np.array(ends))
         for line in [line for line in self.lines.values() if line.chart.is_far(line.delta)]:
             self._reject(line)

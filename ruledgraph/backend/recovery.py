@@ -9,7 +9,6 @@ from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_distance import usual_distance
 from ruledgraph.backend.line_factors import new_line_factors
 from ruledgraph.backend.rest_factors import rests_throughout
-from ruledgraph.backend.self_calibration import add_self_calibration
 from ruledgraph.backend.states import Interval, StateNode, joint_prior
 from ruledgraph.core.config import Config
 
@@ -35,7 +34,7 @@ def rebuilt(
     for node in nodes:
         update.insert(node)
     for before, interval in zip((None, *intervals), intervals, strict=False):
-        add_self_calibration(update, interval, before, config)
+        update.insert_camera(interval, before, config)
     kept = {id(line): line.inverse_distance() for line in lines}
     distance = usual_distance(kept.values(), config.lines.prior_distance)
     rests = rests_throughout(intervals)

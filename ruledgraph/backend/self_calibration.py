@@ -1,67 +1,83 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""The camera's clock and its pose in the body, where a window estimates them."""
+"""The camera's clock, its pose in the body and its focal length, where a window estimates them."""
 
 from typing import NamedTuple
 
+import gtsam
+
+from ruledgraph.backend.camera_variable import CameraVariable
 from ruledgraph.backend.extrinsics import ExtrinsicsState
-from ruledgraph.backend.graph_update import GraphUpdate
-from ruledgraph.backend.states import Interval, StateNode
+from ruledgraph.backend.focal_ratio import FocalRatioState
 from ruledgraph.backend.time_offset import TimeOffsetState
 from ruledgraph.core.config import Config
 from ruledgraph.core.extrinsics import Extrinsics
+from ruledgraph.core.focal_ratio import FocalRatio
 from ruledgraph.core.time_offset import TimeOffset
+
+
+class CameraVariables(NamedTuple):
+    """Those of an interval's frames; None of what is not estimated."""
+
+    time_offset: TimeOffsetState | None = None
+    extrinsics: ExtrinsicsState | None = None
+    focal_ratio: FocalRatioState | None = None
+
+    @property
+    def estimated(self) -> list[CameraVariable]:
+        """All that there are."""
+        return [variable for variable in self if variable is not None]
+
+    def factors(
+        self, before: "CameraVariables | None", config: Config
+    ) -> list[gtsam.NonlinearFactor]:
+        """Ties to the variables of the interval before, or priors if there are none."""
+        earlier = {type(each): each for each in before.estimated} if before else {}
+        return [
+            each.random_walk_factor(earlier[type(each)], config)
+            if type(each) in earlier
+            else each.prior()
+            for each in self.estimated
+        ]
+
+
+AS_CALIBRATED = CameraVariables()
+"""Nothing is estimated."""
 
 
 class SelfCalibration(NamedTuple):
     """What is known of the camera as of the newest interval; None of what is not estimated."""
 
-    time_offset: TimeOffset | None
+    time_offset: TimeOffset | None = None
     """Beyond the calibration's."""
-    extrinsics: Extrinsics | None
+    extrinsics: Extrinsics | None = None
+    focal_ratio: FocalRatio | None = None
 
-    def time_offset_of(self, node: StateNode, offset_correction: float) -> TimeOffsetState | None:
-        """A variable for the frames after a state, s being added to their times already."""
-        if self.time_offset is None:
-            return None
-        value, sigma = self.time_offset
-        residual = value - offset_correction
-        return TimeOffsetState(node.index, node.time, offset_correction, residual, sigma)
+    def variables(self, index: int, time: float, offset_correction: float) -> CameraVariables:
+        """For the frames after a state, `offset_correction` (s) being added to their times already.
 
-    def extrinsics_of(self, node: StateNode) -> ExtrinsicsState | None:
-        """A variable for the frames after a state."""
-        if self.extrinsics is None:
-            return None
-        return ExtrinsicsState(node.index, node.time, *self.extrinsics)
-
-    def after(self, interval: Interval) -> "SelfCalibration":
-        """As an interval's variables have it."""
-        offset, extrinsics = interval.time_offset, interval.extrinsics
-        return SelfCalibration(
-            None if offset is None else offset.offset,
-            None if extrinsics is None else extrinsics.extrinsics,
+        Args:
+            index: of the state.
+            time: of the state, s.
+            offset_correction: see `TimeOffsetState`.
+        """
+        offset, at = self.time_offset, (index, time)
+        return CameraVariables(
+            None
+            if offset is None
+            else TimeOffsetState(
+                *at, offset_correction, offset.value - offset_correction, offset.sigma
+            ),
+            None if self.extrinsics is None else ExtrinsicsState(*at, *self.extrinsics),
+            None if self.focal_ratio is None else FocalRatioState(*at, *self.focal_ratio),
         )
 
-
-def add_self_calibration(
-    update: GraphUpdate, interval: Interval, before: Interval | None, config: Config
-) -> None:
-    """Add an interval's variables of the camera, tied to those of the interval before; the first
-    one's have priors.
-    """
-    offset = interval.time_offset
-    if offset is not None:
-        earlier = None if before is None else before.time_offset
-        walk = config.time_offset.random_walk
-        tie = offset.prior() if earlier is None else offset.random_walk_factor(earlier, walk)
-        update.factors.add(tie)
-        update.values.insert(offset.key, offset.residual_offset)
-        update.times[offset.key] = offset.time
-    mounted = interval.extrinsics
-    if mounted is not None:
-        was_mounted = None if before is None else before.extrinsics
-        walks = config.extrinsics.rotation_random_walk, config.extrinsics.translation_random_walk
-        tie = mounted.random_walk_factor(was_mounted, *walks) if was_mounted else mounted.prior()
-        update.factors.add(tie)
-        update.values.insert(mounted.key, mounted.body_T_cam)
-        update.times[mounted.key] = mounted.time
+    @classmethod
+    def of(cls, camera: CameraVariables) -> "SelfCalibration":
+        """As the variables of an interval have it."""
+        offset, extrinsics, focal_ratio = camera
+        return cls(
+            None if offset is None else offset.offset,
+            None if extrinsics is None else extrinsics.extrinsics,
+            None if focal_ratio is None else focal_ratio.focal_ratio,
+        )

@@ -16,7 +16,7 @@ from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_map import LineMap
 from ruledgraph.backend.rest_factors import rest_factors
 from ruledgraph.backend.rest_jump import rest_jump
-from ruledgraph.backend.self_calibration import SelfCalibration, add_self_calibration
+from ruledgraph.backend.self_calibration import SelfCalibration
 from ruledgraph.backend.start import Start
 from ruledgraph.backend.state_sequence import StateSequence
 from ruledgraph.backend.states import Interval, StateNode, add_priors
@@ -25,6 +25,7 @@ from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Innovation, blocks
 from ruledgraph.core.extrinsics import Extrinsics
+from ruledgraph.core.focal_ratio import FocalRatio
 from ruledgraph.core.line_observations import LineTrack
 from ruledgraph.imu.buffer import ImuBuffer
 
@@ -34,7 +35,8 @@ class Window:
 
     Use `extend` for each new state, then `optimize`. `offset_correction` (s) was added to the
     calibration's time offset in the times of the start's frames. `extrinsics`: what is known of the
-    camera's pose in the body; None: that of the calibration, not to be estimated.
+    camera's pose in the body, `focal_ratio`: of its focal length over the calibration's; None:
+    those of the calibration, not to be estimated.
     """
 
     def __init__(
@@ -44,6 +46,7 @@ class Window:
         start: Start,
         offset_correction: float = 0.0,
         extrinsics: Extrinsics | None = None,
+        focal_ratio: FocalRatio | None = None,
     ) -> None:
         self._config = config
         self._imu_noise = calibration.imu_noise
@@ -53,7 +56,7 @@ class Window:
         self._solver = WindowSolver(self._states, self.line_map, config)
         offset = start.time_offset
         self.self_calibration = SelfCalibration(
-            None if offset is None else offset.plus(offset_correction), extrinsics
+            None if offset is None else offset.plus(offset_correction), extrinsics, focal_ratio
         )
         """As of the newest interval that was solved."""
         self.first_stamp = start.stamp
@@ -149,8 +152,7 @@ class Window:
             imu,
             self._imu_noise,
             self._config.imu.accelerometer_scale_sigma,
-            self.self_calibration.time_offset_of(before, offset_correction),
-            self.self_calibration.extrinsics_of(before),
+            self.self_calibration.variables(before.index, before.time, offset_correction),
             still,
         )
         is_tested = interval.is_reliable and not math.isinf(self.solved)
@@ -166,7 +168,7 @@ class Window:
             self._predictions.restart(new.time)
             seen = {}
         self._update.factors.add(interval.imu_factors[0])
-        add_self_calibration(self._update, interval, latest, self._config)
+        self._update.insert_camera(interval, latest, self._config)
         self.innovation = None
         if before.time == self.solved:
             self._predictions.begin_at(before)
@@ -191,7 +193,7 @@ class Window:
         self._update = GraphUpdate()
         self.solved = self.newest.time
         self.innovation = self._predictions.innovation(self.newest)
-        self.self_calibration = self.self_calibration.after(self.intervals[-1])
+        self.self_calibration = SelfCalibration.of(self.intervals[-1].camera)
         self.line_map.check_fit(self.intervals[-1])
         self.line_map.weights.update(self.intervals, self.lines.values())
         return gone

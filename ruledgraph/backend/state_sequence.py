@@ -53,8 +53,5 @@ class StateSequence:
             node.state = gtsam.NavState(pose, velocity)
             node.bias = estimate.atConstantBias(B(node.index))
         for interval in self.intervals:
-            offset, extrinsics = interval.time_offset, interval.extrinsics
-            if offset is not None:
-                offset.residual_offset = estimate.atDouble(offset.key)
-            if extrinsics is not None:
-                extrinsics.body_T_cam = estimate.atPose3(extrinsics.key)
+            for variable in interval.camera.estimated:
+                variable.read(estimate)

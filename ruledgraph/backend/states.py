@@ -11,9 +11,8 @@ import numpy as np
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, V, X
 
-from ruledgraph.backend.extrinsics import ExtrinsicsState
 from ruledgraph.backend.landmarks import Landmark
-from ruledgraph.backend.time_offset import TimeOffsetState
+from ruledgraph.backend.self_calibration import AS_CALIBRATED, CameraVariables
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Covariances, blocks
@@ -80,10 +79,8 @@ class Interval:
     repeats_frame: bool = False
     """Whether its first frame is the state's own, the last one of the interval before, whose pose
     was a guess there."""
-    time_offset: TimeOffsetState | None = None
-    """The time offset of its frames, when that is estimated."""
-    extrinsics: ExtrinsicsState | None = None
-    """The camera's pose in the body, when that is estimated."""
+    camera: CameraVariables = AS_CALIBRATED
+    """What is estimated of the camera in its frames."""
     still: bool = False
     """Whether the body rested all the time, and for some time before."""
     observations: list[LineObservation] = field(default_factory=list)
@@ -102,7 +99,14 @@ class Interval:
     @property
     def residual_offset(self) -> float:
         """Estimate of T(k), see `TimeOffsetState`: frames are so much later than in `motion`, s."""
-        return 0.0 if self.time_offset is None else self.time_offset.residual_offset
+        offset = self.camera.time_offset
+        return 0.0 if offset is None else offset.residual_offset
+
+    @property
+    def focal_ratio(self) -> float:
+        """Estimate of F(k), see `FocalRatioState`; 1 when that is not estimated."""
+        ratio = self.camera.focal_ratio
+        return 1.0 if ratio is None else ratio.ratio
 
     @property
     def is_rest_despite_imu(self) -> bool:
@@ -126,8 +130,8 @@ class Interval:
         `body_T_cam` where it is not estimated.
         """
         bodies, cameras = self.poses(), self._cached_cameras
-        if self.extrinsics is not None:
-            body_T_cam = self.extrinsics.body_T_cam
+        if self.camera.extrinsics is not None:
+            body_T_cam = self.camera.extrinsics.body_T_cam
         if cameras is None or cameras[0] is not bodies:
             cameras = self._cached_cameras = bodies, [pose.compose(body_T_cam) for pose in bodies]
         return cameras[1]
@@ -136,9 +140,9 @@ class Interval:
         """What the factor of a line at `delta` depends on."""
         pose, velocity = self.node.state.pose().matrix(), self.node.state.velocity()
         bias = self.node.bias.vector()
-        extrinsics = self.extrinsics
+        extrinsics, ratio = self.camera.extrinsics, self.focal_ratio
         camera = None if extrinsics is None else extrinsics.body_T_cam.matrix()
-        return State(pose, velocity, bias, self.gravity, delta, self.residual_offset, camera)
+        return State(pose, velocity, bias, self.gravity, delta, self.residual_offset, camera, ratio)
 
     def seen(self, sightings: Sequence[Sighting]) -> tuple[list[int], list[Sighting]]:
         """Indices of the reliable frames that saw a line, and the sightings."""

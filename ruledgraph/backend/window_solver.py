@@ -86,16 +86,15 @@ class WindowSolver:
         """Of a state, and of an interval's variables of the camera, by the smoother's present
         estimate.
         """
-        offset = None if interval is None else interval.time_offset
-        extrinsics = None if interval is None else interval.extrinsics
-        of_camera = [part.key for part in (offset, extrinsics) if part is not None]
+        of_camera = [] if interval is None else interval.camera.estimated
         # All together: most of the time goes into what they have in common.
-        keys = X(node.index), V(node.index), B(node.index), *of_camera
+        keys = X(node.index), V(node.index), B(node.index), *(each.key for each in of_camera)
         covariance = self._smoother.joint_covariance(keys)
         if covariance is None:
             return
         node.covariance = covariance[:15, :15]
-        if offset is not None:
-            offset.sigma = float(np.sqrt(covariance[15, 15]))
-        if extrinsics is not None:
-            extrinsics.covariance = covariance[-6:, -6:]
+        first = 15
+        for variable in of_camera:
+            part = slice(first, first + variable.SIZE)
+            variable.read_covariance(covariance[part, part])
+            first += variable.SIZE

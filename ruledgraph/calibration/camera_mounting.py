@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""The camera's pose in the body and its readout, as they are known by now."""
+"""The camera's pose in the body, its readout and its focal length, as they are known by now."""
 
 import dataclasses
 
@@ -9,38 +9,56 @@ import numpy as np
 
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.core.config import ExtrinsicsConfig
+from ruledgraph.core.config import Config, ExtrinsicsConfig, IntrinsicsConfig
 from ruledgraph.core.extrinsics import Extrinsics
+from ruledgraph.core.focal_ratio import FocalRatio
 from ruledgraph.core.timing import Messages
 
 
 class CameraMounting:
-    """Keeps what windows find of the camera's pose in the body, and images of its readout.
+    """Keeps what windows find of the camera's pose in the body and its focal length, and images of
+    its readout.
 
     Args:
-        calibration: whose pose it is until then.
-        config: how well that is known, and whether it is estimated.
+        calibration: whose they are until then.
+        config: how well they are known, and whether they are estimated.
         warnings: messages for the user.
     """
 
-    def __init__(
-        self, calibration: Calibration, config: ExtrinsicsConfig, warnings: Messages
-    ) -> None:
+    def __init__(self, calibration: Calibration, config: Config, warnings: Messages) -> None:
         self.calibration = calibration
-        """With pose and readout as they are known by now."""
+        """With pose, focal ratio and readout as they are known by now."""
         self._given = calibration.body_T_cam
-        self._covariance = np.diag(
-            np.repeat([config.rotation_sigma**2, config.translation_sigma**2], 3)
-        )
-        self._config = config
+        self._extrinsics, self._intrinsics = config.extrinsics, config.intrinsics
+        sigmas = self._extrinsics.rotation_sigma, self._extrinsics.translation_sigma
+        self._covariance = np.diag(np.repeat(np.square(sigmas), 3))
+        self._focal_sigma = self._intrinsics.focal_sigma
         self._warnings = warnings
 
     @property
     def extrinsics(self) -> Extrinsics | None:
         """What is known; None when it is not estimated."""
-        if not self._config.estimate:
+        if not self._extrinsics.estimate:
             return None
         return Extrinsics(self.calibration.body_T_cam, self._covariance)
+
+    @property
+    def focal_ratio(self) -> FocalRatio | None:
+        """Of the focal length to the calibration's, in the undistorted image; None when it is not
+        estimated.
+        """
+        if not self._intrinsics.estimate:
+            return None
+        return FocalRatio(self.calibration.focal_ratio, self._focal_sigma)
+
+    @property
+    def focal_length(self) -> FocalRatio | None:
+        """The same of the distorted image, by which the calibration's focal lengths are off."""
+        return None if self.focal_ratio is None else self._distorted(self.focal_ratio)
+
+    def _distorted(self, ratio: FocalRatio) -> FocalRatio:
+        stretch = self.calibration.camera.stretch
+        return FocalRatio(ratio.value ** (1.0 / stretch), ratio.sigma / stretch)
 
     def turn(self, body_R_cam: FloatArray) -> None:
         """Take another rotation for the calibration's, whose translation may be in other axes."""
@@ -56,15 +74,19 @@ class CameraMounting:
         calibration = self.calibration.with_readout(readout)
         self.calibration = dataclasses.replace(calibration, stamp_at_middle_row=True)
 
-    def update(self, extrinsics: Extrinsics | None) -> None:
-        """Take in an estimate."""
-        if extrinsics is None:
-            return
-        pose, self._covariance = extrinsics
-        self.calibration = dataclasses.replace(self.calibration, body_T_cam=pose)
-        message = mounting_warning(self._given, extrinsics, self._config)
-        # What first lines and other defects turn it by passes.
-        self._warnings.lasting("extrinsics", message, self._config.settled_states)
+    def update(self, extrinsics: Extrinsics | None, focal_ratio: FocalRatio | None) -> None:
+        """Take in estimates."""
+        # What first lines and other defects change passes.
+        if extrinsics is not None:
+            pose, self._covariance = extrinsics
+            self.calibration = dataclasses.replace(self.calibration, body_T_cam=pose)
+            message = mounting_warning(self._given, extrinsics, self._extrinsics)
+            self._warnings.lasting("extrinsics", message, self._extrinsics.settled_states)
+        if focal_ratio is not None:
+            ratio, self._focal_sigma = focal_ratio
+            self.calibration = dataclasses.replace(self.calibration, focal_ratio=ratio)
+            message = focal_warning(self._distorted(focal_ratio), self._intrinsics)
+            self._warnings.lasting("focal length", message, self._intrinsics.settled_states)
 
 
 def turned_by(given: gtsam.Pose3, extrinsics: Extrinsics) -> tuple[float, float]:
@@ -84,4 +106,15 @@ def mounting_warning(
     return (
         f"the camera is turned by {np.degrees(angle):.1f} deg (deviation {np.degrees(sigma):.1f} "
         "deg) from where the calibration has it on the IMU: correct T_cam_imu"
+    )
+
+
+def focal_warning(found: FocalRatio, config: IntrinsicsConfig) -> str | None:
+    """What to warn of: a focal length that is well known and far from the calibration's."""
+    change = found.value - 1.0
+    if found.sigma > config.settled_sigma or abs(change) < config.warn_change:
+        return None
+    return (
+        f"the focal length is {100.0 * abs(change):.1f} % (deviation {100.0 * found.sigma:.1f} %) "
+        f"{'longer' if change > 0.0 else 'shorter'} than the calibration's: correct intrinsics"
     )

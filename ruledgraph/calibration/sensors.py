@@ -3,6 +3,7 @@
 """What is known of the sensors before the first measurement: camera, IMU, how they are mounted."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import gtsam
@@ -33,6 +34,7 @@ _COEFFICIENTS: dict[str, tuple[int, ...]] = {
 # length) or gives up after so many steps.
 _CONVERGED = 1e-10
 _MOST_STEPS = 50
+_STRETCH_PLACES = 9  # along each side of the image
 
 
 class Distorted(NamedTuple):
@@ -91,6 +93,10 @@ class CameraModel:
         if fault := parameter_fault(self.distortion, self.coefficients):
             raise RuledgraphError(fault)
 
+    def with_focal_ratio(self, ratio: float) -> "CameraModel":
+        """The same with focal lengths `ratio` times as long."""
+        return replace(self, fx=self.fx * ratio, fy=self.fy * ratio)
+
     @property
     def focal_length(self) -> float:
         """Px: converts pixels to normalised units near the image centre; of a pinhole the mean of
@@ -100,6 +106,23 @@ class CameraModel:
         if self.distortion in WIDE_ANGLE:
             return mean * magnification(self.distortion, self.coefficients)
         return mean
+
+    @cached_property
+    def stretch(self) -> float:
+        """By how much a camera with a longer focal length stretches the undistorted image about its
+        centre: d ln |q| / d ln f for the normalised coordinates q of a pixel, by least squares over
+        the image. 1 without distortion, more with a barrel's.
+        """
+        columns, rows = np.meshgrid(
+            np.linspace(0.0, self.width - 1.0, _STRETCH_PLACES),
+            np.linspace(0.0, self.height - 1.0, _STRETCH_PLACES),
+        )
+        xy = self.undistort(np.column_stack([columns.ravel(), rows.ravel()]))
+        xy = xy[np.isfinite(xy).all(axis=1)]
+        # A pixel stays: d(q) f is constant, so that q changes by the inverse of its Jacobian.
+        pixels, jacobian = self.distort(xy)
+        moved = np.linalg.solve(jacobian, (pixels - [self.cx, self.cy])[..., None])[..., 0]
+        return float(np.sum(xy * moved) / np.sum(xy * xy))
 
     def distort(self, normalised: ArrayLike) -> Distorted:
         """Pixels of normalised coordinates (N, 2), and the derivative."""
@@ -275,6 +298,8 @@ class Calibration:
     global shutter; None: not known, a global shutter unless the images show another."""
     stamp_at_middle_row: bool = False
     """Whether the stamp of an image is that of its middle row, not of the first one."""
+    focal_ratio: float = 1.0
+    """Of the camera's focal length to that of `camera`, as found while running."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= (self.line_delay or 0.0) < np.inf:

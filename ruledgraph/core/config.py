@@ -15,6 +15,7 @@ from ruledgraph.core.image_config import TracksConfig as TracksConfig
 from ruledgraph.core.section import Section, number
 from ruledgraph.core.sensor_config import ExtrinsicsConfig as ExtrinsicsConfig
 from ruledgraph.core.sensor_config import ImuConfig as ImuConfig
+from ruledgraph.core.sensor_config import IntrinsicsConfig as IntrinsicsConfig
 from ruledgraph.core.sensor_config import TimeOffsetConfig as TimeOffsetConfig
 
 
@@ -244,6 +245,7 @@ class Config(Section):
     start: StartConfig = StartConfig()
     time_offset: TimeOffsetConfig = TimeOffsetConfig()
     extrinsics: ExtrinsicsConfig = ExtrinsicsConfig()
+    intrinsics: IntrinsicsConfig = IntrinsicsConfig()
     integrity: IntegrityConfig = IntegrityConfig()
     rest: RestConfig = RestConfig()
     imu: ImuConfig = ImuConfig()

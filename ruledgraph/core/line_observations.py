@@ -19,6 +19,13 @@ class Sighting(NamedTuple):
     sum of their squared distances from any image line l (see `GeometricPoints`), scaled down to
     `edges.effective_points` and without their scatter across their own best line."""
 
+    def with_focal_ratio(self, ratio: float) -> "Sighting":
+        """The same in a camera whose focal length is `ratio` times the one that points were
+        normalised with.
+        """
+        statistics = self.statistics / [ratio, ratio, 1.0]
+        return Sighting(self.stamp, self.points / ratio, statistics)
+
 
 class LineTrack(NamedTuple):
     """The track of a line in the front end, up to the latest frame."""

@@ -55,6 +55,25 @@ class ExtrinsicsConfig(Section):
     """A settled rotation that far from the calibration's, half a degree, is worth a warning."""
 
 
+class IntrinsicsConfig(Section):
+    """The camera's focal length."""
+
+    estimate: bool = True
+    """Whether it is estimated while running; otherwise the calibration's stands."""
+    focal_sigma: float = number(0.01, "", 1e-6, 0.2)
+    """Standard deviation of the calibration's focal length, as a share of it: 1 %. A good target
+    and program come to 0.2 %, a few photographs of a printed board are off by some per cent."""
+    focal_random_walk: float = number(1e-5, "", 1e-9, 0.01)
+    """How fast it changes: standard deviation after one second, as a share. A lens that warms up by
+    10 K changes by 1e-4 in some minutes."""
+    settled_sigma: float = number(3e-3, "", 1e-6, 0.1)
+    """It is settled when its deviation is below this ..."""
+    settled_states: int = number(13, "", 1, 1000)
+    """... at so many states in a row: as many as a window of 2.5 s holds."""
+    warn_change: float = number(0.01, "", 1e-6, 1.0)
+    """A settled focal length that far from the calibration's, as a share, is worth a warning."""
+
+
 class ImuConfig(Section):
     """Gravity, outages, spikes and the range of the IMU."""
 

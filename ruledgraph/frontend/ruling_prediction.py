@@ -36,6 +36,8 @@ class CameraMotion(NamedTuple):
     """s."""
     world_T_before: gtsam.Pose3
     world_T_cam: gtsam.Pose3
+    focal_ratio: float = 1.0
+    """The camera's focal length over the one that tracks were normalised with."""
 
 
 def predict(
@@ -49,27 +51,32 @@ def predict(
 
     `lines` go by the track's number; `focal` is the focal length, px.
     """
-    rulings = by_rotation(tracks, motion.cam_R_before, motion.elapsed, focal)
+    ratio = motion.focal_ratio
+    rulings = by_rotation(tracks, motion.cam_R_before, motion.elapsed, focal, ratio)
     at = [i for i, track in enumerate(tracks) if track.number in lines]
     own = [tracks[i] for i in at]
     known = [lines[track.number] for track in own]
     poses = motion.world_T_before, motion.world_T_cam
-    estimated = by_estimate(own, known, *poses, rulings.part(at), focal, config)
+    estimated = by_estimate(own, known, *poses, rulings.part(at), focal, config, ratio)
     rulings.ends[at], rulings.sigmas[at] = estimated.ends, estimated.sigmas
     return rulings
 
 
 def by_rotation(
-    tracks: Sequence[Track], cam_R_before: FloatArray, elapsed: float, focal: float
+    tracks: Sequence[Track],
+    cam_R_before: FloatArray,
+    elapsed: float,
+    focal: float,
+    focal_ratio: float = 1.0,
 ) -> Rulings:
     """Rulings in a frame whose camera turned by `cam_R_before` in `elapsed` s since the last one.
 
-    `focal` is the focal length, px.
+    `focal` is the focal length, px, that tracks were normalised with.
     """
-    ends = np.array([track.ends for track in tracks]).reshape(-1, 2, 2)
-    moved = np.array([track.rates for track in tracks]).reshape(-1, 2) * elapsed / focal
+    ends = np.array([track.ends for track in tracks]).reshape(-1, 2, 2) / focal_ratio
+    moved = np.array([track.rates for track in tracks]).reshape(-1, 2) * elapsed
     turn = kernel.native.turn_all if kernel.is_native() else turn_in_numpy
-    ends = turn(ends, cam_R_before, moved).reshape(-1, 2, 2)
+    ends = turn(ends, cam_R_before, moved / (focal * focal_ratio)).reshape(-1, 2, 2) * focal_ratio
     sigmas = np.array([(track.sigma, track.sigma) for track in tracks]).reshape(-1, 2)
     return Rulings(ends, sigmas, np.array([track.slope for track in tracks]))
 
@@ -92,6 +99,7 @@ def by_estimate(
     otherwise: Rulings,
     focal: float,
     config: TracksConfig = DEFAULTS.tracks,
+    focal_ratio: float = 1.0,
 ) -> Rulings:
     """Where lines appear: m_c = R^T (m - p x v), with the spread their covariance gives.
 
@@ -102,8 +110,9 @@ def by_estimate(
         world_T_cam: camera pose now.
         otherwise: the prediction for each without its depth: for ends that the line does not fix,
             and for a line through the camera's centre.
-        focal: focal length, px.
+        focal: focal length, px, that tracks were normalised with.
         config: of tracks.
+        focal_ratio: of the camera's focal length to that.
     """
     if not lines:
         return otherwise
@@ -111,14 +120,15 @@ def by_estimate(
         plucker=np.array([line.plucker for line in lines]),
         by_delta=np.array([line.plucker_by_delta for line in lines]),
         covariances=np.array([line.covariance for line in lines]),
-        seen=np.array([track.ends for track in tracks]),
+        seen=np.array([track.ends for track in tracks]) / focal_ratio,
         floors=np.array([_floor(track) for track in tracks]),
     )
     poses = world_T_before.matrix(), world_T_cam.matrix()
     predict_ends = kernel.native.predict_all if kernel.is_native() else predict_in_numpy
     limits = config.max_predicted_sigma_px, config.nearest
-    ends, sigmas = predict_ends(*arrays, *poses, otherwise.ends, otherwise.sigmas, focal, *limits)
-    return Rulings(ends.reshape(-1, 2, 2), sigmas, otherwise.slopes)
+    without_depth = otherwise.ends / focal_ratio, otherwise.sigmas
+    ends, sigmas = predict_ends(*arrays, *poses, *without_depth, focal * focal_ratio, *limits)
+    return Rulings(ends.reshape(-1, 2, 2) * focal_ratio, sigmas, otherwise.slopes)
 
 
 def _floor(track: Track) -> float:

@@ -85,7 +85,8 @@ class BatchProblem:
         timed = self._order.size() > TIME
         for chart, line, points in zip(charts, window.seen, window.points, strict=True):
             surface = RuledSurfaceSpec(
-                form="node_time_offset" if timed else "node",
+                form="node",
+                camera_variables=("time",) if timed else (),
                 keys=(POSE, VELOCITY, BIAS, TIME, TIME + 1) if timed else tuple(range(4)),
                 noise_model=noiseModel.Unit.Create(points.rows),
                 chart=chart,

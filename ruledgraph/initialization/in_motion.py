@@ -76,7 +76,8 @@ def start_in_motion(
     for track in tracks:
         hits = [s for s in track.sightings if s.stamp in places]
         if len(hits) >= least:
-            seen.append(Seen(track, [places[s.stamp] for s in hits], hits))
+            sightings = [s.with_focal_ratio(calibration.focal_ratio) for s in hits]
+            seen.append(Seen(track, [places[s.stamp] for s in hits], sightings))
     if len(seen) < _FEWEST_LINES:
         return Refusal(f"{len(seen)} lines were followed long enough, {_FEWEST_LINES} are needed")
     samples = imu.between(times[0], times[-1])

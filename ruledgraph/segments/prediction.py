@@ -25,10 +25,13 @@ def predicted(
         body_R_cam = body_T_cam.rotation()
         before_R_body = rotation_between(sensors.imu, before.time, now.time)
         R = body_R_cam.matrix().T @ before_R_body.matrix().T @ body_R_cam.matrix()
-        return Predicted(CameraMotion(R, elapsed, body_T_cam, body_T_cam), {})
+        ratio = stages.mounting.calibration.focal_ratio
+        return Predicted(CameraMotion(R, elapsed, body_T_cam, body_T_cam, ratio), {})
     body_T_cam, rest, window = segment.body_T_cam, segment.rest, segment.window
     world_T_before = rest.held(segment.state.pose(), window).compose(body_T_cam)
     world_T_cam = rest.held(segment.predict(now.time).pose(), window).compose(body_T_cam)
     R = world_T_cam.between(world_T_before).rotation().matrix()
-    motion = CameraMotion(R, elapsed, world_T_before, world_T_cam)
+    found = window.self_calibration.focal_ratio
+    ratio = stages.mounting.calibration.focal_ratio if found is None else found.value
+    motion = CameraMotion(R, elapsed, world_T_before, world_T_cam, ratio)
     return Predicted(motion, segment.predicted_lines(now.time))

@@ -50,8 +50,9 @@ class TrajectorySegment:
         self._stages = stages
         self.confirmed = not start.lines
         """Whether the start is accepted; one in motion is on trial first."""
-        correction, extrinsics = stages.sensors.offset_correction, stages.mounting.extrinsics
-        self.window = Window(calibration, config, start, correction, extrinsics)
+        correction, known = stages.sensors.offset_correction, stages.mounting
+        camera = known.extrinsics, known.focal_ratio
+        self.window = Window(calibration, config, start, correction, *camera)
         warnings, on_trial = stages.output.warnings, not self.confirmed
         self.monitor = IntegrityMonitor(gauge_uncertainty, warnings, config, on_trial)
         imu, noise = stages.sensors.imu, calibration.imu_noise
@@ -154,10 +155,10 @@ class TrajectorySegment:
         self._propagator.reset()
         self.state = window.newest.state
         reliable = self.confirmed and not self.monitor.disagree
-        offset, extrinsics = window.self_calibration
+        offset, extrinsics, focal_ratio = window.self_calibration
         clock.update(offset, reliable)
         if reliable:
-            self._stages.mounting.update(extrinsics)
+            self._stages.mounting.update(extrinsics, focal_ratio)
 
     def confirm(self) -> None:
         """Accept a start that was on trial, with covariances as of now, not of the start."""

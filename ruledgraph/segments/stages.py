@@ -33,7 +33,7 @@ class Stages(NamedTuple):
         sensors.image_rests = rest.image_rests
         given = calibration.time_offset
         clock = CameraClock(sensors, given, config.time_offset, output.warnings)
-        mounting = CameraMounting(calibration, config.extrinsics, output.warnings)
+        mounting = CameraMounting(calibration, config, output.warnings)
         return cls(sensors, front_end, rest, clock, mounting, output)
 
     def forget(self, before: float) -> None:

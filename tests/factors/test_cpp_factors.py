@@ -3,12 +3,13 @@
 """The C++ factors for GTSAM 4.2 and 4.3: right by themselves, and the same as in Python."""
 
 from pathlib import Path
+from typing import get_args
 
 import gtsam
 import numpy as np
 import pytest
 from gtsam import noiseModel
-from gtsam.symbol_shorthand import B, E, G, L, T, V, X
+from gtsam.symbol_shorthand import B, E, F, G, L, T, V, X
 
 from cpp import CPP, Reader, build, build_with_gtsam, numbers_of, run, stand_in
 from numerics import factor_jacobians
@@ -25,10 +26,11 @@ from ruledgraph_factors.factor_spec import SpecFactor
 from ruledgraph_factors.line_distance import LineDistanceSpec
 from ruledgraph_factors.new_line import NewLineSpec
 from ruledgraph_factors.same_line import SameLineSpec
+from ruledgraph_factors.spec import Form
 
 SOURCE = CPP / "factor_test.cpp"
 # In the order of `Kind` there.
-KINDS = (*FORMS, NewLineSpec, LineDistanceSpec, SameLineSpec)
+KINDS = (*get_args(Form), NewLineSpec, LineDistanceSpec, SameLineSpec)
 BOUND = 1e-12
 # Each built once, not by each worker.
 BUILDS = [pytest.param(v, marks=pytest.mark.xdist_group(f"GTSAM {v}")) for v in ("4.2", "4.3")]
@@ -63,6 +65,7 @@ def numbers(case: Case, factor: RuledSurfaceFactor) -> list[object]:
     motion = spec.motion
     frames = case.frames[: len(motion)]
     data: list[object] = [KINDS.index(spec.form)]
+    data += [spec.has_time_offset, spec.has_extrinsics, spec.has_focal_ratio]
     data += [*chart_numbers(spec.chart), spec.body_T_cam]
     data += [motion.time_jacobian is not None, motion.bias, len(motion)]
     for i in range(len(motion)):
@@ -79,7 +82,9 @@ def numbers(case: Case, factor: RuledSurfaceFactor) -> list[object]:
         data += [values.atDouble(T(0))]
     if spec.has_extrinsics:
         data += [values.atPose3(E(0))]
-    elif spec.form == "node_gravity_direction":
+    if spec.has_focal_ratio:
+        data += [values.atDouble(F(0))]
+    if spec.form == "node_gravity_direction":
         data += [values.atUnit3(G(0)).unitVector()]
     elif spec.form == "node_gravity_vector":
         data += [values.atVector(G(1))]

@@ -9,7 +9,7 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam import noiseModel
-from gtsam.symbol_shorthand import B, G, L, T, V, X
+from gtsam.symbol_shorthand import B, F, G, L, T, V, X
 from scipy.optimize import minimize_scalar
 
 from random_factors import FORMS, POINTS, random_case
@@ -65,7 +65,7 @@ def test_compressed_error_equals_the_sum_over_points(form: str, count: int) -> N
             case.values.atVector(V(0)),
             case.values.atConstantBias(B(0)).vector(),
             gravity,
-            time_shift=case.values.atDouble(T(0)) if form.startswith("node_time_offset") else 0.0,
+            time_shift=case.values.atDouble(T(0)) if "time" in form else 0.0,
         )
         total = 0.0
         ends, _ = case.chart.end_points(case.values.atVector(L(0)), [-0.5, 0.5])
@@ -76,6 +76,8 @@ def test_compressed_error_equals_the_sum_over_points(form: str, count: int) -> N
             (x1, y1), (x2, y2) = (
                 end[:2] / end[2] for end in (world_T_cam.transformTo(e) for e in ends)
             )
+            if "focal" in form:
+                x1, y1, x2, y2 = case.values.atDouble(F(0)) * np.array([x1, y1, x2, y2])
             x, y = case.frames[i].T
             distance = (y2 - y1) * x - (x2 - x1) * y + x2 * y1 - y2 * x1
             total += np.sum(distance**2) / ((x2 - x1) ** 2 + (y2 - y1) ** 2)

@@ -6,7 +6,7 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam import noiseModel
-from gtsam.symbol_shorthand import B, G, L, T, V, X
+from gtsam.symbol_shorthand import B, E, G, L, T, V, X
 
 from random_factors import random_case
 from ruledgraph_factors import (
@@ -17,7 +17,7 @@ from ruledgraph_factors import (
     preintegrate_frames,
     ruled_surface_factor,
     ruled_surface_factor_with_gravity_direction,
-    ruled_surface_factor_with_time_offset,
+    ruled_surface_pose_factor,
 )
 
 
@@ -101,11 +101,23 @@ def test_bad_gravity_magnitude_names_the_argument() -> None:
 
 def test_a_motion_without_time_is_named() -> None:
     with pytest.raises(FactorError, match=r"motion has no time_jacobian: use .*with_time=True"):
-        ruled_surface_factor_with_time_offset(
+        ruled_surface_factor(
             noiseModel.Isotropic.Sigma(6, 1.0),
-            *(X(0), V(0), B(0), T(0), L(0)),
+            *(X(0), V(0), B(0), L(0)),
             *(GOOD.motion.at_rest().select([0]), GOOD.chart),
             GeometricPoints.from_frames(GOOD.frames[:1]),
+            time_key=T(0),
+        )
+
+
+def test_extrinsics_are_a_variable_or_given() -> None:
+    with pytest.raises(FactorError, match="body_T_cam is the variable of extrinsics_key"):
+        ruled_surface_pose_factor(
+            noiseModel.Isotropic.Sigma(3, 1.0),
+            *(X(0), L(0), GOOD.chart),
+            GeometricPoints.from_frames(GOOD.frames[:1]),
+            gtsam.Pose3(),
+            extrinsics_key=E(0),
         )
 
 

@@ -49,7 +49,7 @@ def test_the_covariance_is_that_of_noisy_integrations() -> None:
     )
 
 
-@pytest.mark.parametrize("form", ["node", "node_extrinsics", "node_gravity_vector"])
+@pytest.mark.parametrize("form", ["node", "node+extrinsics", "node+focal", "node_gravity_vector"])
 def test_a_factor_differs_in_its_noise_model_alone(form: str) -> None:
     case = random_case(3)
     factor = case.factor(form, sigma=0.01)

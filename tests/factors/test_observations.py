@@ -77,6 +77,18 @@ def test_effective_points_cap_a_frame_and_leave_lighter_ones() -> None:
     np.testing.assert_allclose(individual.sqrt_weights[:200] ** 2, 0.1)
 
 
+def test_points_in_a_camera_with_another_focal_length() -> None:
+    rng = np.random.default_rng(3)
+    frames = [rng.normal(size=(count, 2)) for count in (2, 5, 30)]
+    changed = GeometricPoints.from_frames(frames).with_focal_ratio(1.25)
+    direct = GeometricPoints.from_frames([points / 1.25 for points in frames])
+    for own, other in zip(changed.statistics, direct.statistics, strict=True):
+        np.testing.assert_allclose(own.T @ own, other.T @ other, atol=1e-12)
+    assert changed.weight == pytest.approx(37.0)
+    with pytest.raises(FactorError, match="ratio must be positive"):
+        changed.with_focal_ratio(0.0)
+
+
 def test_rows_and_frames() -> None:
     frames = [np.zeros((4, 2)), np.ones((2, 2))]
     assert (

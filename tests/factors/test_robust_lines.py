@@ -34,7 +34,7 @@ class Case:
         self.surfaces = [case.factor(form).spec for case in cases]
         self.state = cases[0].values
         self.deltas = np.array([case.values.atVector(L(0)) for case in cases])
-        self.keys = [X(0), V(0), B(0), T(0)][: 4 if form == "node_time_offset" else 3]
+        self.keys = [X(0), V(0), B(0), T(0)][: 4 if form == "node+time" else 3]
         self.scales = [np.linspace(1.0, 3.0, count) for count in CHUNKS]
 
     def lines(self) -> RobustLines:
@@ -72,7 +72,7 @@ class Case:
 
 
 @pytest.mark.parametrize("name", KERNELS)
-@pytest.mark.parametrize("form", ["node", "node_time_offset"])
+@pytest.mark.parametrize("form", ["node", "node+time"])
 def test_they_are_those_of_gtsams_robust_noise(form, name, monkeypatch) -> None:
     monkeypatch.setenv("RULEDGRAPH_KERNEL", name)
     case = Case(form)

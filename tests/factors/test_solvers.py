@@ -19,7 +19,6 @@ from ruledgraph_factors import (
     move_line,
     new_line_factor,
     ruled_surface_pose_factor,
-    ruled_surface_pose_factor_with_extrinsics,
     triangulate_line,
 )
 
@@ -72,8 +71,9 @@ def test_two_cameras_with_extrinsics_are_calibrated(seed: int) -> None:
         for (k, c), seen in zip(views, points, strict=True):
             observed = GeometricPoints.from_frames([seen])
             noise = noiseModel.Isotropic.Sigma(observed.rows, SIGMA)
-            keys = (X(k), E(c), L(i))
-            graph.add(ruled_surface_pose_factor_with_extrinsics(noise, *keys, chart, observed))
+            keys = (X(k), L(i))
+            factor = ruled_surface_pose_factor(noise, *keys, chart, observed, extrinsics_key=E(c))
+            graph.add(factor)
     params = levenberg_marquardt_params()
     result = gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
     marginals = gtsam.Marginals(graph, result)

@@ -119,13 +119,16 @@ def test_figures_of_a_summary_with_the_truth():
             "sigma_rotation_deg": 0.05,
             "T_cam_imu": turned.inverse().matrix().tolist(),
         },
+        "focal_length": {"estimated": True, "ratio": 1.0 / 1.029, "sigma_ratio": 0.002},
     }
-    result = figures(summary, 1_500_000_000, true)
+    result = figures(summary, 1_500_000_000, true, focal_percent=3.0)
     assert (result.frames, result.degraded, result.live, result.smoothed) == (0.8, 0.25, 2.0, None)
     assert result.first_pose == pytest.approx(0.5)
     assert result.recovered["offset_ms"] == pytest.approx((19.0, 1.0, 0.5))
     assert result.recovered["turned_deg"] == pytest.approx((2.1, 0.1, 0.05))
-    summary |= {"extrinsics": {"estimated": False}, "frames_estimated": 0, "status": {}}
+    assert result.recovered["focal_percent"] == pytest.approx((2.9, 0.1, 0.2))
+    held = {"estimated": False}
+    summary |= {"extrinsics": held, "focal_length": held, "frames_estimated": 0, "status": {}}
     result = figures(summary, None, true)
     assert (result.degraded, result.first_pose) == (0.0, None)
     assert set(result.recovered) == {"offset_ms"}

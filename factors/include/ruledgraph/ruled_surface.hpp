@@ -41,8 +41,9 @@ struct State {
   Vector3 velocity;
   Vector6 bias;  ///< accelerometer, gyroscope; body
   Vector3 gravity;
-  Eigen::Vector4d line;     ///< in the chart
-  double time_shift = 0.0;  ///< how much later the frames were taken; of a timed geometry
+  Eigen::Vector4d line;      ///< in the chart
+  double time_shift = 0.0;   ///< how much later the frames were taken; of a timed geometry
+  double focal_ratio = 1.0;  ///< of the camera to the one that points were normalised with
 };
 
 /// Preintegrated motion from the node to one frame.
@@ -233,10 +234,10 @@ struct ReprojectionPoints {
 using VectorOut = Eigen::Ref<Eigen::VectorXd>;
 using MatrixOut = Eigen::Ref<Eigen::MatrixXd>;
 
-/// Unwhitened geometric residual (rows) and, unless null, its Jacobian (rows x columns()).
-/// A frame without a finite ruling has zero rows.
+/// Unwhitened geometric residual (rows) and, unless null, its Jacobian (rows x columns()) and its
+/// derivative by the focal ratio. A frame without a finite ruling has zero rows.
 inline void evaluate(const Geometry& geometry, const GeometricPoints& points, const State& state,
-                     VectorOut residual, MatrixOut* jacobian) {
+                     VectorOut residual, MatrixOut* jacobian, VectorOut* by_focal_ratio = nullptr) {
   const WorldLine world = geometry.line_in_world(state);
   for (std::size_t i = 0; i < geometry.frames(); ++i) {
     const CameraLine line = geometry.line_in_camera(i, state, world, jacobian != nullptr);
@@ -245,12 +246,17 @@ inline void evaluate(const Geometry& geometry, const GeometricPoints& points, co
     // As a factor: NaN stays NaN.
     const double inverse = size > kNoRuling ? 1.0 / size : 0.0;
     const Vector3 unit = line.moment * inverse;
-    residual.segment<3>(row) = points.statistics[i] * unit;
+    if (by_focal_ratio != nullptr) {
+      by_focal_ratio->segment<3>(row) = points.statistics[i].col(2) * unit.z();
+    }
+    Matrix3 statistic = points.statistics[i];
+    statistic.col(2) *= state.focal_ratio;
+    residual.segment<3>(row) = statistic * unit;
     if (jacobian == nullptr) continue;
     // d (m / |m_xy|) = (I - unit (unit_x, unit_y, 0)) dm / |m_xy|
     Matrix3 projector = Matrix3::Identity();
     projector.leftCols<2>() -= unit * unit.head<2>().transpose();
-    const Matrix3 by_moment = (points.statistics[i] * projector) * inverse;
+    const Matrix3 by_moment = (statistic * projector) * inverse;
     jacobian->block<3, kColumns>(row, 0).noalias() = by_moment * line.d_moment;
     if (geometry.timed()) jacobian->block<3, 1>(row, kTime) = by_moment * line.moment_by_time;
   }
@@ -295,27 +301,38 @@ inline PointResidual reprojection(const Eigen::Vector2d& p, const Vector3& close
   return result;
 }
 
-/// Unwhitened reprojection residual (rows) and, unless null, its Jacobian (rows x columns()).
+/// Unwhitened reprojection residual (rows) and, unless null, its Jacobian (rows x columns()) and
+/// its derivative by the focal ratio.
 inline void evaluate(const Geometry& geometry, const ReprojectionPoints& points, const State& state,
-                     VectorOut residual, MatrixOut* jacobian) {
+                     VectorOut residual, MatrixOut* jacobian, VectorOut* by_focal_ratio = nullptr) {
   const WorldLine world = geometry.line_in_world(state);
+  const Vector3 stretch(state.focal_ratio, state.focal_ratio, 1.0);
   const double side = world.sine >= 0.0 ? 1.0 : -1.0;
   Eigen::Index point = 0;
   Eigen::Matrix<double, Eigen::Dynamic, 6> by_line;
   for (std::size_t i = 0; i < geometry.frames(); ++i) {
     const CameraLine line = geometry.line_in_camera(i, state, world, jacobian != nullptr);
     // The line's point next to the camera's centre, times sin(phi).
-    const Vector3 closest = line.direction.cross(line.moment);
+    const Vector3 in_camera = line.direction.cross(line.moment);
+    const Vector3 closest = stretch.cwiseProduct(in_camera);
+    const Vector3 direction = stretch.cwiseProduct(line.direction);
     const Eigen::Index first_row = 2 * point, count = points.counts[i];
     by_line.resize(2 * count, 6);
     for (Eigen::Index j = 0; j < count; ++j, ++point) {
-      const PointResidual one =
-          reprojection(points.points.col(point), closest, line.direction, side);
+      const PointResidual one = reprojection(points.points.col(point), closest, direction, side);
       const double weight = points.sqrt_weights[point];
       residual.segment<2>(2 * point) = weight * one.value;
       by_line.middleRows<2>(2 * j) = weight * one.by_line;
     }
+    if (by_focal_ratio != nullptr) {
+      Vector6 stretched;
+      stretched << in_camera.head<2>(), 0.0, line.direction.head<2>(), 0.0;
+      by_focal_ratio->segment(first_row, 2 * count) = by_line * stretched;
+    }
     if (jacobian == nullptr) continue;
+    // From here on by the line without the stretch.
+    by_line.leftCols<3>() *= stretch.asDiagonal();
+    by_line.rightCols<3>() *= stretch.asDiagonal();
     Eigen::Matrix<double, 6, kColumns> d_line;
     d_line.topRows<3>() = hat(line.direction) * line.d_moment - hat(line.moment) * line.d_direction;
     d_line.bottomRows<3>() = line.d_direction;

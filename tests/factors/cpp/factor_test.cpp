@@ -27,27 +27,19 @@ using gtsam::Matrix;
 using gtsam::Values;
 using gtsam::Vector;
 
-constexpr Key kPoseKey = 0, kVelocityKey = 1, kBiasKey = 2, kExtraKey = 3, kLineKey = 4;
-constexpr Key kNewLineKey = 5, kTimeKey = 6;
+constexpr Key kPoseKey = 0, kVelocityKey = 1, kBiasKey = 2, kGravityKey = 3, kLineKey = 4;
+constexpr Key kNewLineKey = 5, kTimeKey = 6, kExtrinsicsKey = 7, kFocalKey = 8;
 
 /// As `LineObservation::Form`, and the factors on a line alone.
 enum Kind {
   kNode,
-  kTimeOffset,
-  kExtrinsics,
-  kTimeOffsetExtrinsics,
   kGravityDirection,
   kGravityVector,
   kPoseOnly,
-  kPoseExtrinsics,
   kNewLine,
   kLineDistance,
   kSameLine,
 };
-
-bool has_extrinsics(Kind kind) {
-  return kind == kExtrinsics || kind == kTimeOffsetExtrinsics || kind == kPoseExtrinsics;
-}
 
 gtsam::Pose3 read_pose() {
   const Pose pose = read_plain_pose();
@@ -60,45 +52,37 @@ struct Case {
   Values values;
 };
 
-gtsam::NonlinearFactor::shared_ptr make_factor(Kind kind, const FrameMotions& motions,
-                                               const LineChart& chart, const Points& points,
-                                               const gtsam::Pose3& body_T_cam,
+gtsam::NonlinearFactor::shared_ptr make_factor(Kind kind, const CameraKeys& camera,
+                                               const FrameMotions& motions, const LineChart& chart,
+                                               const Points& points, const gtsam::Pose3& body_T_cam,
                                                const Vector3& gravity) {
   const Eigen::Index rows = std::visit([](const auto& p) { return p.rows(); }, points);
   const auto noise = gtsam::noiseModel::Unit::Create(static_cast<std::size_t>(rows));
-  const Key x = kPoseKey, v = kVelocityKey, b = kBiasKey, e = kExtraKey, l = kLineKey;
+  const Key x = kPoseKey, v = kVelocityKey, b = kBiasKey, g = kGravityKey, l = kLineKey;
   using Factor = RuledSurfaceFactor;
   using PoseFactor = RuledSurfacePoseFactor;
   switch (kind) {
     case kNode:
-      return Factor(noise, x, v, b, l, motions, chart, points, body_T_cam, gravity).clone();
-    case kTimeOffset:
-      return Factor::WithTimeOffset(noise, x, v, b, e, l, motions, chart, points, body_T_cam,
-                                    gravity)
-          .clone();
-    case kExtrinsics:
-      return Factor::WithExtrinsics(noise, x, v, b, e, l, motions, chart, points, gravity).clone();
-    case kTimeOffsetExtrinsics:
-      return Factor::WithTimeOffsetAndExtrinsics(noise, x, v, b, kTimeKey, e, l, motions, chart,
-                                                 points, gravity)
-          .clone();
+      return Factor(noise, x, v, b, l, motions, chart, points, camera, body_T_cam, gravity).clone();
     case kGravityDirection:
-      return Factor::WithGravityDirection(noise, x, v, b, e, l, motions, chart, points, body_T_cam,
+      return Factor::WithGravityDirection(noise, x, v, b, g, l, motions, chart, points, body_T_cam,
                                           gravity.norm())
           .clone();
     case kGravityVector:
-      return Factor::WithGravityVector(noise, x, v, b, e, l, motions, chart, points, body_T_cam)
+      return Factor::WithGravityVector(noise, x, v, b, g, l, motions, chart, points, body_T_cam)
           .clone();
     case kPoseOnly:
-      return PoseFactor(noise, x, l, chart, points, body_T_cam).clone();
-    case kPoseExtrinsics:
-      return PoseFactor::WithExtrinsics(noise, x, e, l, chart, points).clone();
+      return PoseFactor(noise, x, l, chart, points, camera, body_T_cam).clone();
     default:
       throw std::logic_error("no such kind");
   }
 }
 
 Case read_observation(Kind kind) {
+  CameraKeys camera;
+  if (read_number() != 0.0) camera.time = kTimeKey;
+  if (read_number() != 0.0) camera.extrinsics = kExtrinsicsKey;
+  if (read_number() != 0.0) camera.focal = kFocalKey;
   const LineChart chart = read_chart();
   const gtsam::Pose3 body_T_cam = read_pose();
   const FrameMotions motions = read_motions();
@@ -107,16 +91,17 @@ Case read_observation(Kind kind) {
   const Points points = compressed ? Points(compress_points(frames)) : individual_points(frames);
   const Vector3 gravity = read_fixed<3>();
 
-  Case found{kind, make_factor(kind, motions, chart, points, body_T_cam, gravity), Values()};
+  Case found{kind, make_factor(kind, camera, motions, chart, points, body_T_cam, gravity),
+             Values()};
   found.values.insert(kPoseKey, read_pose());
   found.values.insert(kVelocityKey, gtsam::Vector3(read_fixed<3>()));
   found.values.insert(kBiasKey, gtsam::imuBias::ConstantBias(read_fixed<6>()));
   found.values.insert(kLineKey, gtsam::Vector4(read_fixed<4>()));
-  if (kind == kTimeOffset) found.values.insert(kExtraKey, read_number());
-  if (kind == kTimeOffsetExtrinsics) found.values.insert(kTimeKey, read_number());
-  if (has_extrinsics(kind)) found.values.insert(kExtraKey, read_pose());
-  if (kind == kGravityDirection) found.values.insert(kExtraKey, gtsam::Unit3(read_fixed<3>()));
-  if (kind == kGravityVector) found.values.insert(kExtraKey, gtsam::Vector3(read_fixed<3>()));
+  if (camera.time) found.values.insert(kTimeKey, read_number());
+  if (camera.extrinsics) found.values.insert(kExtrinsicsKey, read_pose());
+  if (camera.focal) found.values.insert(kFocalKey, read_number());
+  if (kind == kGravityDirection) found.values.insert(kGravityKey, gtsam::Unit3(read_fixed<3>()));
+  if (kind == kGravityVector) found.values.insert(kGravityKey, gtsam::Vector3(read_fixed<3>()));
   return found;
 }
 
@@ -148,16 +133,16 @@ Case read_case(Kind kind) {
 /// The values with one of them moved along its tangent.
 Values moved(const Case& at, Key key, const Vector& tangent) {
   Values values = at.values;
-  if (key == kPoseKey || (key == kExtraKey && has_extrinsics(at.kind))) {
+  if (key == kPoseKey || key == kExtrinsicsKey) {
     values.update(key, gtsam::Pose3(values.at<gtsam::Pose3>(key).retract(tangent)));
   } else if (key == kBiasKey) {
     const gtsam::Vector6 bias = values.at<gtsam::imuBias::ConstantBias>(key).vector() + tangent;
     values.update(key, gtsam::imuBias::ConstantBias(bias));
   } else if (key == kLineKey || key == kNewLineKey) {
     values.update(key, gtsam::Vector4(values.at<gtsam::Vector4>(key) + tangent));
-  } else if (key == kTimeKey || (key == kExtraKey && at.kind == kTimeOffset)) {
+  } else if (key == kTimeKey || key == kFocalKey) {
     values.update(key, values.at<double>(key) + tangent[0]);
-  } else if (key == kExtraKey && at.kind == kGravityDirection) {
+  } else if (key == kGravityKey && at.kind == kGravityDirection) {
     values.update(key, values.at<gtsam::Unit3>(key).retract(tangent));
   } else {
     values.update(key, gtsam::Vector3(values.at<gtsam::Vector3>(key) + tangent));
@@ -204,8 +189,10 @@ void sizes_are_checked() {
   assert(throws([&] { RuledSurfacePoseFactor(noise(6), 0, 1, chart, two); }));
   assert(throws([&] { RuledSurfaceFactor(noise(6), 0, 1, 2, 3, rest, chart, two); }));
   assert(throws([&] { RuledSurfaceFactor(noise(2), 0, 1, 2, 3, rest, chart, one); }));
-  assert(throws(
-      [&] { RuledSurfaceFactor::WithTimeOffset(noise(3), 0, 1, 2, 3, 4, rest, chart, one); }));
+  CameraKeys camera;
+  camera.time = 4;
+  assert(throws([&] { RuledSurfaceFactor(noise(3), 0, 1, 2, 3, rest, chart, one, camera); }));
+  assert(throws([&] { RuledSurfacePoseFactor(noise(3), 0, 1, chart, one, camera); }));
 }
 
 void line_factors_check_their_arguments() {
@@ -289,7 +276,7 @@ std::string name_of(const Case& at) {
   if (at.kind == kNewLine) return "one NewLineFactor";
   if (at.kind == kLineDistance) return "one LineDistanceFactor";
   if (at.kind == kSameLine) return "one SameLineFactor";
-  const bool pose = at.kind == kPoseOnly || at.kind == kPoseExtrinsics;
+  const bool pose = at.kind == kPoseOnly;
   return pose ? "one RuledSurfacePoseFactor: " : "one RuledSurfaceFactor: ";
 }
 

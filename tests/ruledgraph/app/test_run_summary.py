@@ -82,6 +82,14 @@ def test_what_was_found_of_the_extrinsics():
     assert rows(extrinsics={"estimated": False})["Extrinsics"] == "as given, not estimated"
 
 
+def test_what_was_found_of_the_focal_length():
+    found = {"estimated": True, "ratio": 0.9712, "sigma_ratio": 0.0013}
+    assert rows(focal_length=found)["Focal length"] == (
+        "-2.88 ± 0.13 % from the calibration's, estimated"
+    )
+    assert rows(focal_length={"estimated": False})["Focal length"] == "as given, not estimated"
+
+
 def test_a_run_that_never_started():
     found = rows(frames_estimated=0, status={}, recording_s=0.0, frames=0)
     assert found["Frames"] == "0 of 0 estimated"

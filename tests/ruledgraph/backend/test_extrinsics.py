@@ -91,25 +91,25 @@ def test_a_smoother_that_is_rebuilt_keeps_it(monkeypatch):
 
 def test_a_mounting_begins_with_the_calibration_and_keeps_what_is_found():
     warnings = Messages()
-    mounting = CameraMounting(CALIBRATION, DEFAULTS, warnings)
+    mounting = CameraMounting(CALIBRATION, Config(), warnings)
     known = mounting.extrinsics
     assert known.body_T_cam is TRUE
     np.testing.assert_allclose(np.sqrt(np.diag(known.covariance)), SIGMAS)
     found = Extrinsics(turned([0.0, 1.5, 0.0]), np.eye(6) * 1e-6)
-    mounting.update(found)
-    mounting.update(None)
+    mounting.update(found, None)
+    mounting.update(None, None)
     assert mounting.extrinsics.body_T_cam is found.body_T_cam
     assert mounting.calibration == dataclasses.replace(CALIBRATION, body_T_cam=found.body_T_cam)
     assert list(warnings) == []
     for turn in [1.5] * (DEFAULTS.settled_states - 2) + [0.1] + [1.5] * DEFAULTS.settled_states:
         # What passes is not told.
         assert list(warnings) == []
-        mounting.update(Extrinsics(turned([0.0, turn, 0.0]), np.eye(6) * 1e-6))
+        mounting.update(Extrinsics(turned([0.0, turn, 0.0]), np.eye(6) * 1e-6), None)
     assert list(warnings) == [
         "the camera is turned by 1.5 deg (deviation 0.1 deg) from where the calibration has it on "
         "the IMU: correct T_cam_imu"
     ]
-    off = CameraMounting(CALIBRATION, ExtrinsicsConfig(estimate=False), warnings)
+    off = CameraMounting(CALIBRATION, Config(extrinsics=ExtrinsicsConfig(estimate=False)), warnings)
     assert off.extrinsics is None
 
 

@@ -63,6 +63,23 @@ def test_a_known_line_appears_where_its_points_project():
     assert estimated([], none) is none
 
 
+@pytest.mark.parametrize("ratio", [0.95, 1.04])
+def test_a_longer_focal_length_shows_lines_larger(ratio):
+    """Tracks are normalised with the calibration's, the camera has `ratio` times that."""
+    rng = np.random.default_rng(0)
+    lines, points = zip(*(random_line(rng) for _ in range(20)), strict=True)
+    tracks = [Track(n, 0.0, line.track.ends * ratio, 20.0) for n, line in enumerate(lines)]
+    turn = gtsam.Rot3.Ypr(0.02, -0.01, 0.03).matrix()
+    rulings = by_rotation(tracks, turn, 0.1, FOCAL, ratio)
+    for line, ends in zip(lines, rulings.ends, strict=True):
+        rays = np.column_stack([line.track.ends, np.ones(2)]) @ turn.T
+        np.testing.assert_allclose(ends, ratio * rays[:, :2] / rays[:, 2:], atol=1e-12)
+    known = [line.prediction for line in lines]
+    predicted = by_estimate(tracks, known, BEFORE, NOW, rulings, FOCAL, focal_ratio=ratio)
+    for own, ends in zip(predicted.ends, points, strict=True):
+        np.testing.assert_allclose(own, ratio * seen(NOW, ends), atol=1e-9)
+
+
 def test_the_sigmas_are_those_of_the_covariance():
     rng = np.random.default_rng(1)
     line, _ = random_line(rng)

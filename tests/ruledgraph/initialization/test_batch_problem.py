@@ -25,7 +25,6 @@ from ruledgraph_factors import (
     NEW_LINE_SIGMAS,
     line_from_ruling,
     ruled_surface_factor,
-    ruled_surface_factor_with_time_offset,
 )
 from simulated_window import hand_held
 
@@ -96,13 +95,9 @@ class Case:
             )
             rest = (motion.select(frames[part]), self.charts[i], points, CALIBRATION.body_T_cam)
             gravity = self.window.config.imu.gravity_in_world
-            if self.timed:
-                keys = POSE, VELOCITY, BIAS, TIME, TIME + 1 + i
-                factor = ruled_surface_factor_with_time_offset(noise, *keys, *rest, gravity)
-            else:
-                keys = POSE, VELOCITY, BIAS, TIME + 1 + i
-                factor = ruled_surface_factor(noise, *keys, *rest, gravity)
-            graph.add(factor)
+            keys = POSE, VELOCITY, BIAS, TIME + 1 + i
+            time_key = TIME if self.timed else None
+            graph.add(ruled_surface_factor(noise, *keys, *rest, gravity, time_key=time_key))
 
 
 @pytest.mark.parametrize("timed", [False, True])

@@ -33,7 +33,7 @@ def test_what_the_images_say_is_used(known, by_window, used, monkeypatch):
     for time in (0.0, 0.005):
         imu.append(time, np.full(3, time), np.array([0.0, 0.0, 9.81]))
     config = Config()
-    search = ClockSearch(CameraMounting(D435I, config.extrinsics, warnings), config, warnings)
+    search = ClockSearch(CameraMounting(D435I, config, warnings), config, warnings)
     result = search.search(imu, known, by_window)
     assert (result is not None) == used == search.used == bool(warnings)
     assert search.found is FOUND
@@ -46,7 +46,7 @@ def test_images_that_are_processed_anew_tell_nothing_new(monkeypatch):
     added: list[float] = []
     monkeypatch.setattr(ClockOffsetFinder, "add_image", lambda _self, time, _: added.append(time))
     warnings, config = Messages(), Config()
-    search = ClockSearch(CameraMounting(D435I, config.extrinsics, warnings), config, warnings)
+    search = ClockSearch(CameraMounting(D435I, config, warnings), config, warnings)
     image = np.zeros((2, 2), np.uint8)
     for time in (0.0, 0.1):
         search.add_image(time, image)
@@ -60,7 +60,7 @@ def test_an_offset_far_from_what_is_known_is_doubted_while_images_may_show_it(mo
     imu, warnings, config = ImuBuffer(), Messages(), Config()
     for time in (0.0, 0.005):
         imu.append(time, np.full(3, time), np.array([0.0, 0.0, 9.81]))
-    search = ClockSearch(CameraMounting(D435I, config.extrinsics, warnings), config, warnings)
+    search = ClockSearch(CameraMounting(D435I, config, warnings), config, warnings)
     three_sigma = 3.0 * config.time_offset.sigma
     known = D435I.time_offset
     assert not search.doubts(known + 0.99 * three_sigma)

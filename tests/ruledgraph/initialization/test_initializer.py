@@ -36,7 +36,7 @@ class Run:
             return np.ones((5, 3)), np.full(5, image_motion)
 
         rest = RestDetector(self.sensors.imu, self.sensors.frames, lines_moved, config.rest)
-        mounting = CameraMounting(CALIBRATION, config.extrinsics, self.output.warnings)
+        mounting = CameraMounting(CALIBRATION, config, self.output.warnings)
         clock_search = ClockSearch(mounting, config, self.output.warnings)
         self.initializer = Initializer(
             mounting, clock_search, self.sensors, front_end, rest, self.output.warnings

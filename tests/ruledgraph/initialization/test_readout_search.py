@@ -53,7 +53,7 @@ def searched(
     """The readout in use after a search with each of these counts of pairs."""
     looks, warnings = Looks(found), Messages()
     calibration = replace(D435I, line_delay=None)
-    mounting = CameraMounting(calibration, DEFAULTS.extrinsics, warnings)
+    mounting = CameraMounting(calibration, DEFAULTS, warnings)
     monkeypatch.setattr(readout_search, "ClockOffsetFinder", lambda *_: looks)
     monkeypatch.setattr(readout_search, "estimated_readout", looks.look)
     search = ReadoutSearch(mounting, 0.1, warnings)

@@ -8,6 +8,7 @@
 #include <gtsam/linear/NoiseModel.h>
 
 #include <algorithm>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -52,20 +53,24 @@ class RuledSurface {
     return other;
   }
 
-  /// Unwhitened residual and, unless null, its Jacobian; the columns are those of `Geometry`.
-  gtsam::Vector evaluate(const State& state, gtsam::Matrix* jacobian) const {
-    return evaluate_at(geometry_, state, jacobian);
-  }
+  /// Derivatives of the residual.
+  struct Derivatives {
+    gtsam::Matrix jacobian;        ///< the columns are those of `Geometry`
+    gtsam::Matrix by_extrinsics;   ///< (rows x 6), where they are a variable
+    gtsam::Vector by_focal_ratio;  ///< (rows)
+  };
 
-  /// The same with the camera elsewhere in the body, and the Jacobian by that (rows x 6).
-  gtsam::Vector evaluate(const State& state, const gtsam::Pose3& body_T_cam,
-                         gtsam::Matrix* jacobian, gtsam::Matrix* by_camera) const {
-    const Geometry geometry = with_camera(body_T_cam);
-    const gtsam::Vector residual = evaluate_at(geometry, state, jacobian);
-    if (jacobian != nullptr) {
-      *by_camera = std::visit(
+  /// Unwhitened residual and, unless null, its derivatives, by the camera's pose in the body only
+  /// if there is one beside that of the geometry.
+  gtsam::Vector evaluate(const State& state, const std::optional<gtsam::Pose3>& body_T_cam,
+                         Derivatives* wanted) const {
+    if (!body_T_cam) return evaluate_at(geometry_, state, wanted);
+    const Geometry geometry = with_camera(*body_T_cam);
+    const gtsam::Vector residual = evaluate_at(geometry, state, wanted);
+    if (wanted != nullptr) {
+      wanted->by_extrinsics = std::visit(
           [&](const auto& points) -> gtsam::Matrix {
-            return by_extrinsics(geometry, points, state, jacobian->middleCols<6>(kPose));
+            return by_extrinsics(geometry, points, state, wanted->jacobian.middleCols<6>(kPose));
           },
           points_);
     }
@@ -117,19 +122,23 @@ class RuledSurface {
 
  private:
   gtsam::Vector evaluate_at(const Geometry& geometry, const State& state,
-                            gtsam::Matrix* jacobian) const {
+                            Derivatives* wanted) const {
     gtsam::Vector residual(rows());
-    const auto write = [&](MatrixOut* out) {
+    const auto write = [&](MatrixOut* jacobian, VectorOut* by_focal_ratio) {
       std::visit(
-          [&](const auto& points) { ruledgraph::evaluate(geometry, points, state, residual, out); },
+          [&](const auto& points) {
+            ruledgraph::evaluate(geometry, points, state, residual, jacobian, by_focal_ratio);
+          },
           points_);
     };
-    if (jacobian == nullptr) {
-      write(nullptr);
+    if (wanted == nullptr) {
+      write(nullptr, nullptr);
     } else {
-      jacobian->resize(rows(), geometry.columns());
-      MatrixOut out(*jacobian);
-      write(&out);
+      wanted->jacobian.resize(rows(), geometry.columns());
+      wanted->by_focal_ratio.resize(rows());
+      MatrixOut jacobian(wanted->jacobian);
+      VectorOut by_focal_ratio(wanted->by_focal_ratio);
+      write(&jacobian, &by_focal_ratio);
     }
     return residual;
   }

@@ -17,9 +17,9 @@ namespace ruledgraph {
 constexpr double kStandardGravity = 9.81;
 
 /// One line over all frames that follow a node, on the node's state and the line: `Pose3`
-/// world_T_body, `Vector3` velocity, `imuBias::ConstantBias`, then, in the forms that have one, a
-/// time offset (`double`), extrinsics (`Pose3`) or gravity (`Unit3` or `Vector3`), and last the
-/// line, `Vector4` in `chart`. The noise model has dimension `rows()` of the points, its unit is
+/// world_T_body, `Vector3` velocity, `imuBias::ConstantBias`, then gravity (`Unit3` or `Vector3`)
+/// or what of the camera is a variable (`CameraKeys`), and last the line, `Vector4` in `chart`. The
+/// noise model has dimension `rows()` of the points, its unit is
 /// normalised image coordinates of one point. Constructors throw std::invalid_argument where sizes
 /// do not fit.
 class RuledSurfaceFactor : public LineObservation {
@@ -32,53 +32,17 @@ class RuledSurfaceFactor : public LineObservation {
                      const FrameMotions& motions, const LineChart& chart, Points points,
                      const gtsam::Pose3& body_T_cam = gtsam::Pose3(),
                      const Vector3& gravity = {0.0, 0.0, -kStandardGravity})
-      : RuledSurfaceFactor(Form::kNode, noise_model, {pose_key, velocity_key, bias_key, line_key},
-                           {chart, motions, std::move(points), body_T_cam}, gravity) {}
+      : RuledSurfaceFactor(noise_model, pose_key, velocity_key, bias_key, line_key, motions, chart,
+                           std::move(points), CameraKeys{}, body_T_cam, gravity) {}
 
-  /// With a variable for how much later than `motions` says the frames were taken, s, to first
-  /// order. The motions know their derivative by time.
-  static RuledSurfaceFactor WithTimeOffset(const gtsam::SharedNoiseModel& noise_model,
-                                           gtsam::Key pose_key, gtsam::Key velocity_key,
-                                           gtsam::Key bias_key, gtsam::Key time_key,
-                                           gtsam::Key line_key, const FrameMotions& motions,
-                                           const LineChart& chart, Points points,
-                                           const gtsam::Pose3& body_T_cam = gtsam::Pose3(),
-                                           const Vector3& gravity = {0.0, 0.0, -kStandardGravity}) {
-    require_timed(motions);
-    return {Form::kTimeOffset,
-            noise_model,
-            {pose_key, velocity_key, bias_key, time_key, line_key},
-            {chart, motions, std::move(points), body_T_cam},
-            gravity};
-  }
-
-  /// With the camera's pose in the body, body_T_cam, as a `Pose3`.
-  static RuledSurfaceFactor WithExtrinsics(const gtsam::SharedNoiseModel& noise_model,
-                                           gtsam::Key pose_key, gtsam::Key velocity_key,
-                                           gtsam::Key bias_key, gtsam::Key extrinsics_key,
-                                           gtsam::Key line_key, const FrameMotions& motions,
-                                           const LineChart& chart, Points points,
-                                           const Vector3& gravity = {0.0, 0.0, -kStandardGravity}) {
-    return {Form::kExtrinsics,
-            noise_model,
-            {pose_key, velocity_key, bias_key, extrinsics_key, line_key},
-            {chart, motions, std::move(points), gtsam::Pose3()},
-            gravity};
-  }
-
-  /// With both.
-  static RuledSurfaceFactor WithTimeOffsetAndExtrinsics(
-      const gtsam::SharedNoiseModel& noise_model, gtsam::Key pose_key, gtsam::Key velocity_key,
-      gtsam::Key bias_key, gtsam::Key time_key, gtsam::Key extrinsics_key, gtsam::Key line_key,
-      const FrameMotions& motions, const LineChart& chart, Points points,
-      const Vector3& gravity = {0.0, 0.0, -kStandardGravity}) {
-    require_timed(motions);
-    return {Form::kTimeOffsetExtrinsics,
-            noise_model,
-            {pose_key, velocity_key, bias_key, time_key, extrinsics_key, line_key},
-            {chart, motions, std::move(points), gtsam::Pose3()},
-            gravity};
-  }
+  /// With what of the camera is a variable; `body_T_cam` is not used if its extrinsics are.
+  RuledSurfaceFactor(const gtsam::SharedNoiseModel& noise_model, gtsam::Key pose_key,
+                     gtsam::Key velocity_key, gtsam::Key bias_key, gtsam::Key line_key,
+                     const FrameMotions& motions, const LineChart& chart, Points points,
+                     const CameraKeys& camera, const gtsam::Pose3& body_T_cam = gtsam::Pose3(),
+                     const Vector3& gravity = {0.0, 0.0, -kStandardGravity})
+      : LineObservation(Form::kNode, noise_model, {pose_key, velocity_key, bias_key}, camera,
+                        line_key, {chart, motions, std::move(points), body_T_cam}, gravity) {}
 
   /// With the direction of gravity, downwards, as a `Unit3`.
   static RuledSurfaceFactor WithGravityDirection(const gtsam::SharedNoiseModel& noise_model,
@@ -90,7 +54,8 @@ class RuledSurfaceFactor : public LineObservation {
                                                  double magnitude = kStandardGravity) {
     return {Form::kGravityDirection,
             noise_model,
-            {pose_key, velocity_key, bias_key, gravity_key, line_key},
+            {pose_key, velocity_key, bias_key, gravity_key},
+            line_key,
             {chart, motions, std::move(points), body_T_cam},
             Vector3(0.0, 0.0, -magnitude)};
   }
@@ -104,7 +69,8 @@ class RuledSurfaceFactor : public LineObservation {
                                               const gtsam::Pose3& body_T_cam = gtsam::Pose3()) {
     return {Form::kGravityVector,
             noise_model,
-            {pose_key, velocity_key, bias_key, gravity_key, line_key},
+            {pose_key, velocity_key, bias_key, gravity_key},
+            line_key,
             {chart, motions, std::move(points), body_T_cam},
             Vector3::Zero()};
   }
@@ -122,15 +88,10 @@ class RuledSurfaceFactor : public LineObservation {
   }
 
  private:
-  static void require_timed(const FrameMotions& motions) {
-    if (!motions.timed) {
-      throw std::invalid_argument("ruledgraph: motions must be preintegrated with_time");
-    }
-  }
-
   RuledSurfaceFactor(Form form, const gtsam::SharedNoiseModel& noise_model,
-                     const gtsam::KeyVector& keys, RuledSurface surface, const Vector3& gravity)
-      : LineObservation(form, noise_model, keys, std::move(surface), gravity) {}
+                     const gtsam::KeyVector& keys, gtsam::Key line_key, RuledSurface surface,
+                     const Vector3& gravity)
+      : LineObservation(form, noise_model, keys, {}, line_key, std::move(surface), gravity) {}
 
 #ifdef RULEDGRAPH_SERIALIZATION
   friend class boost::serialization::access;
@@ -152,19 +113,16 @@ class RuledSurfacePoseFactor : public LineObservation {
   RuledSurfacePoseFactor(const gtsam::SharedNoiseModel& noise_model, gtsam::Key pose_key,
                          gtsam::Key line_key, const LineChart& chart, Points points,
                          const gtsam::Pose3& body_T_cam = gtsam::Pose3())
-      : RuledSurfacePoseFactor(Form::kPose, noise_model, {pose_key, line_key},
-                               {chart, FrameMotions::at_rest(), std::move(points), body_T_cam}) {}
+      : RuledSurfacePoseFactor(noise_model, pose_key, line_key, chart, std::move(points),
+                               CameraKeys{}, body_T_cam) {}
 
-  /// With the camera's pose in the body, body_T_cam, as a `Pose3`.
-  static RuledSurfacePoseFactor WithExtrinsics(const gtsam::SharedNoiseModel& noise_model,
-                                               gtsam::Key pose_key, gtsam::Key extrinsics_key,
-                                               gtsam::Key line_key, const LineChart& chart,
-                                               Points points) {
-    return {Form::kPoseExtrinsics,
-            noise_model,
-            {pose_key, extrinsics_key, line_key},
-            {chart, FrameMotions::at_rest(), std::move(points), gtsam::Pose3()}};
-  }
+  /// With what of the camera is a variable; a pose is that of its frame and has no time.
+  RuledSurfacePoseFactor(const gtsam::SharedNoiseModel& noise_model, gtsam::Key pose_key,
+                         gtsam::Key line_key, const LineChart& chart, Points points,
+                         const CameraKeys& camera, const gtsam::Pose3& body_T_cam = gtsam::Pose3())
+      : LineObservation(Form::kPose, noise_model, {pose_key}, camera, line_key,
+                        {chart, FrameMotions::at_rest(), std::move(points), body_T_cam},
+                        Vector3::Zero()) {}
 
   gtsam::NonlinearFactor::shared_ptr clone() const override {
     return gtsam::NonlinearFactor::shared_ptr(new RuledSurfacePoseFactor(*this));
@@ -179,10 +137,6 @@ class RuledSurfacePoseFactor : public LineObservation {
   }
 
  private:
-  RuledSurfacePoseFactor(Form form, const gtsam::SharedNoiseModel& noise_model,
-                         const gtsam::KeyVector& keys, RuledSurface surface)
-      : LineObservation(form, noise_model, keys, std::move(surface), Vector3::Zero()) {}
-
 #ifdef RULEDGRAPH_SERIALIZATION
   friend class boost::serialization::access;
   template <class Archive>

@@ -94,7 +94,8 @@ inline int frames_behind(const LineObservation& factor, const gtsam::Values& val
   int behind = 0;
   for (std::size_t i = 0; i < geometry.frames(); ++i) {
     const CameraLine line = geometry.line_in_camera(i, state, world, false);
-    const Vector3 ray = middle.col(static_cast<Eigen::Index>(i)).homogeneous();
+    Vector3 ray = middle.col(static_cast<Eigen::Index>(i)).homogeneous();
+    ray.z() = state.focal_ratio;
     // x = depth ray, x cross v = m: the depth has the sign of (ray cross v) . m
     const double depth = ray.cross(line.direction).dot(line.moment);
     if ((world.sine >= 0.0 ? depth : -depth) < 0.0) ++behind;

@@ -21,6 +21,7 @@ namespace symbol_shorthand {
 
 Key B(std::uint64_t j);
 Key E(std::uint64_t j);
+Key F(std::uint64_t j);
 Key L(std::uint64_t j);
 Key P(std::uint64_t j);
 Key T(std::uint64_t j);

@@ -1,0 +1,55 @@
+# SPDX-FileCopyrightText: The ruledgraph developers
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is estimated of the camera beside lines and states."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import gtsam
+from typing_extensions import Self
+
+from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.config import Config
+
+
+@dataclass(eq=False)
+class CameraVariable(ABC):
+    """A variable of the camera in one interval's frames, tied to that of the interval before.
+
+    A single one for all frames would stay linearised where it was when its first neighbours left
+    the window.
+    """
+
+    SIZE: ClassVar[int]
+    """Dimension of its tangent."""
+
+    index: int
+    """Of the state before these frames."""
+    time: float
+    """Of that state, s."""
+
+    @property
+    @abstractmethod
+    def key(self) -> int:
+        """Of its variable."""
+
+    @abstractmethod
+    def insert(self, values: gtsam.Values) -> None:
+        """Add the estimate."""
+
+    @abstractmethod
+    def read(self, estimate: gtsam.Values) -> None:
+        """Take over what the smoother found."""
+
+    @abstractmethod
+    def read_covariance(self, covariance: FloatArray) -> None:
+        """Take over a marginal, (SIZE, SIZE)."""
+
+    @abstractmethod
+    def prior(self) -> gtsam.NonlinearFactor:
+        """Prior on the first one of a window."""
+
+    @abstractmethod
+    def random_walk_factor(self, before: Self, config: Config) -> gtsam.NonlinearFactor:
+        """By how much it may differ from that of the interval before."""
