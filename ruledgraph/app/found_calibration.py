@@ -34,7 +34,7 @@ def write_found_calibration(odometry: Odometry, path: Path) -> None:
     Raises:
         CalibrationError: when it cannot be written.
     """
-    known, ratio = odometry.mounting.calibration, odometry.mounting.focal_length
+    known, ratio = odometry.mounting.calibration, odometry.mounting.focal_ratio
     offset = odometry.time_offset.value
     if known.stamp_at_middle_row:
         offset -= 0.5 * known.readout  # the file's is of the first row
@@ -84,7 +84,7 @@ def _extrinsics(odometry: Odometry) -> dict[str, Any]:
 
 def _focal_length(odometry: Odometry) -> dict[str, Any]:
     """Over the calibration's."""
-    known = odometry.mounting.focal_length
+    known = odometry.mounting.focal_ratio
     if known is None:
         return {"estimated": False}
     return {"estimated": True, "ratio": known.value, "sigma_ratio": known.sigma}

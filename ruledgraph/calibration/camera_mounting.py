@@ -44,21 +44,10 @@ class CameraMounting:
 
     @property
     def focal_ratio(self) -> FocalRatio | None:
-        """Of the focal length to the calibration's, in the undistorted image; None when it is not
-        estimated.
-        """
+        """Of the focal length to the calibration's; None when it is not estimated."""
         if not self._intrinsics.estimate:
             return None
         return FocalRatio(self.calibration.focal_ratio, self._focal_sigma)
-
-    @property
-    def focal_length(self) -> FocalRatio | None:
-        """The same of the distorted image, by which the calibration's focal lengths are off."""
-        return None if self.focal_ratio is None else self._distorted(self.focal_ratio)
-
-    def _distorted(self, ratio: FocalRatio) -> FocalRatio:
-        stretch = self.calibration.camera.stretch
-        return FocalRatio(ratio.value ** (1.0 / stretch), ratio.sigma / stretch)
 
     def turn(self, body_R_cam: FloatArray) -> None:
         """Take another rotation for the calibration's, whose translation may be in other axes."""
@@ -85,7 +74,7 @@ class CameraMounting:
         if focal_ratio is not None:
             ratio, self._focal_sigma = focal_ratio
             self.calibration = dataclasses.replace(self.calibration, focal_ratio=ratio)
-            message = focal_warning(self._distorted(focal_ratio), self._intrinsics)
+            message = focal_warning(focal_ratio, self._intrinsics)
             self._warnings.lasting("focal length", message, self._intrinsics.settled_states)
 
 

@@ -3,7 +3,6 @@
 """What is known of the sensors before the first measurement: camera, IMU, how they are mounted."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Literal, NamedTuple
 
 import gtsam
@@ -34,7 +33,6 @@ _COEFFICIENTS: dict[str, tuple[int, ...]] = {
 # length) or gives up after so many steps.
 _CONVERGED = 1e-10
 _MOST_STEPS = 50
-_STRETCH_PLACES = 9  # along each side of the image
 
 
 class Distorted(NamedTuple):
@@ -107,22 +105,17 @@ class CameraModel:
             return mean * magnification(self.distortion, self.coefficients)
         return mean
 
-    @cached_property
-    def stretch(self) -> float:
-        """By how much a camera with a longer focal length stretches the undistorted image about its
-        centre: d ln |q| / d ln f for the normalised coordinates q of a pixel, by least squares over
-        the image. 1 without distortion, more with a barrel's.
+    def bent_by(self, ratio: float) -> "CameraModel":
+        """The same with the distortion of a camera whose focal length is `ratio` times as long:
+        q = ratio d^-1((u - c) / (ratio f)), near the centre (u - c) / f as before.
+
+        For `radtan`, which stays one. Other models stay as they are.
         """
-        columns, rows = np.meshgrid(
-            np.linspace(0.0, self.width - 1.0, _STRETCH_PLACES),
-            np.linspace(0.0, self.height - 1.0, _STRETCH_PLACES),
-        )
-        xy = self.undistort(np.column_stack([columns.ravel(), rows.ravel()]))
-        xy = xy[np.isfinite(xy).all(axis=1)]
-        # A pixel stays: d(q) f is constant, so that q changes by the inverse of its Jacobian.
-        pixels, jacobian = self.distort(xy)
-        moved = np.linalg.solve(jacobian, (pixels - [self.cx, self.cy])[..., None])[..., 0]
-        return float(np.sum(xy * moved) / np.sum(xy * xy))
+        if self.distortion != "radtan":
+            return self
+        powers = (2, 4, 1, 1, 6)  # of k1, k2, p1, p2, k3
+        bent = (c / ratio**n for c, n in zip(self.coefficients, powers, strict=False))
+        return replace(self, coefficients=tuple(bent))
 
     def distort(self, normalised: ArrayLike) -> Distorted:
         """Pixels of normalised coordinates (N, 2), and the derivative."""

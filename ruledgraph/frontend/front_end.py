@@ -55,6 +55,10 @@ class FrontEnd:
             self._gradients.put(frame, Gradient(frame.image))
         self._detection.prefetch(frame)
 
+    def undistort_by(self, camera: CameraModel) -> None:
+        """Undistort points by this camera from now on, whose focal length is the same."""
+        self.tracker.camera = self.tracker.starter.camera = camera
+
     def start_tracks(self) -> None:
         """Start tracks on the segments found in the frame before, if they were looked for."""
         if self._detection.pending:

@@ -31,7 +31,8 @@ class TrackStarter:
     def __init__(
         self, camera: CameraModel, edges: EdgesConfig, config: TracksConfig, max_rms: float
     ) -> None:
-        self._camera = camera
+        self.camera = camera
+        """That points are undistorted by."""
         self._edges = edges
         self._config = config
         self._max_rms = max_rms
@@ -65,7 +66,7 @@ class TrackStarter:
             moving = MovingRulings(rows, candidates.ends, np.zeros_like(candidates.ends))
             bent, bows = moving.bent()
             searched = candidates._replace(ends=bent, bows=bows)
-        edges = search_all(gradient, self._camera, searched, config=self._edges)
+        edges = search_all(gradient, self.camera, searched, config=self._edges)
         # Seen well enough to be followed.
         full = (
             (edges.counts > 0)
@@ -111,7 +112,7 @@ class TrackStarter:
         """Segments that are long enough and not followed yet, those worth most first."""
         along = segments[:, 1] - segments[:, 0]
         segments = segments[np.hypot(along[:, 0], along[:, 1]) > self._edges.min_length]
-        ends = self._camera.undistort(segments.reshape(-1, 2)).reshape(-1, 2, 2)
+        ends = self.camera.undistort(segments.reshape(-1, 2)).reshape(-1, 2, 2)
         seen = np.isfinite(ends).all(axis=(1, 2))
         segments, ends = segments[seen], ends[seen]
         if rows is not None:
@@ -130,8 +131,8 @@ class TrackStarter:
         """1 at a position without tracks, more where there are some already."""
         if not len(own.ends) or not len(segments):
             return np.ones(len(segments))
-        size = np.array([self._camera.width, self._camera.height])
-        pixels = self._camera.distort(own.ends.reshape(-1, 2)).pixels.reshape(-1, 2, 2)
+        size = np.array([self.camera.width, self.camera.height])
+        pixels = self.camera.distort(own.ends.reshape(-1, 2)).pixels.reshape(-1, 2, 2)
         near = np.linalg.norm(
             (segments.mean(axis=1)[:, None] - pixels.mean(axis=1)[None]) / size, axis=2
         )
@@ -139,4 +140,4 @@ class TrackStarter:
         return np.asarray(1.0 + self._config.crowding_weight * np.sum(near, axis=1))
 
     def _duplicates(self, segments: Segments, own: Segments) -> NDArray[np.bool_]:
-        return duplicates(segments, own, self._camera.focal_length, self._config)
+        return duplicates(segments, own, self.camera.focal_length, self._config)

@@ -46,13 +46,14 @@ class Tracker:
         self.tracks: list[Track] = []
         """Those that are followed."""
         self._ended: list[Track] = []  # lost, with sightings that are not forgotten yet
-        self._camera = camera
+        self.camera = camera
+        """That points are undistorted by."""
         self._edges = edges = scaled_to(camera, edges)
         self._config = config
         max_rms = {"maxima": config.max_rms_px, "sobel": config.max_rms_sobel_px}
         self._max_rms = max_rms[edges.points]
         self._time = self._elapsed = 0.0  # of the last frame, and since the one before it, s
-        self._starter = TrackStarter(camera, edges, config, self._max_rms)
+        self.starter = TrackStarter(camera, edges, config, self._max_rms)
         corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
         rim = np.concatenate([corners, [[0.5, 0.0], [0.5, 1.0], [0.0, 0.5], [1.0, 0.5]]])
         seen = camera.undistort(rim * [camera.width - 1, camera.height - 1])
@@ -114,10 +115,10 @@ class Tracker:
     def _search(self, gradient: Gradient, rulings: Rulings) -> Edges:
         if self._edges.points == "sobel":
             edges, each = sobel_points(gradient.image), rulings.one_by_one()
-            found = [search_sobel(edges, self._camera, ruling, self._edges) for ruling in each]
+            found = [search_sobel(edges, self.camera, ruling, self._edges) for ruling in each]
             return stacked(rulings, found, self._edges)
         beyond = self._config.search_beyond if self._edges.bounded else _UNBOUNDED
-        return search_all(gradient, self._camera, rulings, beyond, self._edges)
+        return search_all(gradient, self.camera, rulings, beyond, self._edges)
 
     def _straightened(
         self,
@@ -128,7 +129,7 @@ class Tracker:
         row_moves: RowMoves,
     ) -> Edges:
         """What was found in a rolling shutter's image, as of the middle row's time."""
-        row_moves = measured_moves(tracks, edges, row_moves, time, self._camera.focal_length)
+        row_moves = measured_moves(tracks, edges, row_moves, time, self.camera.focal_length)
         for track, moves, estimated in zip(
             tracks, row_moves.moves, row_moves.estimated, strict=True
         ):
@@ -151,7 +152,7 @@ class Tracker:
     def _move(self, time: float, tracks: Sequence[Track], edges: Edges) -> None:
         """Take tracks to where they were found."""
         along = edges.ends[:, 1] - edges.ends[:, 0]
-        lengths = np.hypot(along[:, 0], along[:, 1]) * self._camera.focal_length
+        lengths = np.hypot(along[:, 0], along[:, 1]) * self.camera.focal_length
         rows = edges.ends, edges.lines.tolist(), edges.slopes.tolist(), lengths.tolist()
         config = self._config
         for track, ends, (a, b), slope, length in zip(tracks, *rows, strict=True):
@@ -209,7 +210,7 @@ class Tracker:
         """Of tracks that have come to follow the same line forget all but the oldest."""
         tracks = sorted(self.tracks, key=lambda track: track.first_time)
         own = Segments.of(tracks)
-        same = duplicates(own, own, self._camera.focal_length, self._config)
+        same = duplicates(own, own, self.camera.focal_length, self._config)
         self.tracks = [tracks[i] for i in first_of_duplicates(same)]
 
     def lines_moved(self, since: int) -> tuple[FloatArray, FloatArray]:
@@ -217,7 +218,7 @@ class Tracker:
         far each has moved across itself, (N,), px.
         """
         lines, moved = moved_since([track for track in self.tracks if track.misses == 0], since)
-        return lines, moved * self._camera.focal_length
+        return lines, moved * self.camera.focal_length
 
     def start_new(
         self,
@@ -231,7 +232,7 @@ class Tracker:
         shutter.
         """
         if len(self.tracks) < self._edges.max_lines:
-            started, edges = self._starter.start(time, segments, gradient, self.tracks, rows)
+            started, edges = self.starter.start(time, segments, gradient, self.tracks, rows)
             self._sight(stamp, started, edges)
-            expect_motion(started, self.tracks, self._elapsed, self._camera, self._config)
+            expect_motion(started, self.tracks, self._elapsed, self.camera, self._config)
             self.tracks += started

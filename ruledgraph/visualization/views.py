@@ -88,10 +88,17 @@ def _view(odometry: Odometry, frame: Frame, since_start: float) -> View:
     for track in odometry.tracker.tracks:
         seen = next((s for s in reversed(track.sightings) if s.stamp <= frame.stamp), None)
         if seen is not None and seen.stamp == frame.stamp:
-            ends = _ends(track, seen.points, frame.stamp)
-            lines.append(ViewedLine(track.number, ends, seen.points, track.number in in_graph))
+            ends = _as_calibrated(_ends(track, seen.points, frame.stamp), odometry)
+            points = _as_calibrated(seen.points, odometry)
+            lines.append(ViewedLine(track.number, ends, points, track.number in in_graph))
     status, _, _ = odometry.status.partition(":")
     return View(frame, tuple(lines), status, since_start)
+
+
+def _as_calibrated(points: FloatArray, odometry: Odometry) -> FloatArray:
+    """Normalised by the calibration's camera, not by the one that is found while running."""
+    given, found = odometry.calibration.camera, odometry.tracker.camera
+    return points if found is given else given.undistort(found.distort(points).pixels)
 
 
 def _ends(track: Track, points: FloatArray, stamp: int) -> FloatArray:

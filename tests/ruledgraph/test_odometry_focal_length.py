@@ -36,7 +36,7 @@ def test_a_focal_length_that_is_off_by_three_percent_is_found_and_reported(facto
     # As soon and as well as six seconds show it, the first of them at rest.
     settled = "intrinsics.settled_sigma=0.005", "intrinsics.settled_states=5"
     odometry, error = run(factor, *settled, moving=moving)
-    found = odometry.mounting.focal_length
+    found = odometry.mounting.focal_ratio
     assert found.value * factor == pytest.approx(1.0, abs=3.0 * found.sigma)
     assert found.sigma < 0.005
     word = "longer" if factor < 1.0 else "shorter"
