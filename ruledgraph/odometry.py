@@ -138,12 +138,9 @@ class Odometry(Output):
         self._keep(frame)
         sensors, mounting = self._stages.sensors, self._stages.mounting
         readout, correction = mounting.calibration.readout, sensors.offset_correction
-        ratio = mounting.calibration.focal_ratio
         self._estimate(frame)
         sensors.calibration = mounting.calibration  # how rows are read may be known now
-        if mounting.calibration.focal_ratio != ratio:
-            camera = self.calibration.camera.bent_by(mounting.calibration.focal_ratio)
-            self._stages.front_end.undistort_by(camera)
+        self._stages.front_end.undistort_by(mounting.camera)
         moved = abs(mounting.calibration.readout - readout)
         if mounting.calibration.readout:
             moved = max(moved, abs(sensors.offset_correction - correction))

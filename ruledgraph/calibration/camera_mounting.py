@@ -14,6 +14,10 @@ from ruledgraph.core.extrinsics import Extrinsics
 from ruledgraph.core.focal_ratio import FocalRatio
 from ruledgraph.core.timing import Messages
 
+# In standard deviations; points are undistorted by few focal lengths, one after another, as those
+# of a window should fit together.
+_CONTRADICTED = 3.0
+
 
 class CameraMounting:
     """Keeps what windows find of the camera's pose in the body and its focal length, and images of
@@ -28,6 +32,10 @@ class CameraMounting:
     def __init__(self, calibration: Calibration, config: Config, warnings: Messages) -> None:
         self.calibration = calibration
         """With pose, focal ratio and readout as they are known by now."""
+        self.camera = calibration.camera
+        """That points are undistorted by: the calibration's, or, once the focal length is known to
+        be another one, bent by that (`CameraModel.bent_by`)."""
+        self._bent_by = 1.0
         self._given = calibration.body_T_cam
         self._extrinsics, self._intrinsics = config.extrinsics, config.intrinsics
         sigmas = self._extrinsics.rotation_sigma, self._extrinsics.translation_sigma
@@ -74,8 +82,13 @@ class CameraMounting:
         if focal_ratio is not None:
             ratio, self._focal_sigma = focal_ratio
             self.calibration = dataclasses.replace(self.calibration, focal_ratio=ratio)
-            message = focal_warning(focal_ratio, self._intrinsics)
-            self._warnings.lasting("focal length", message, self._intrinsics.settled_states)
+            message, states = (
+                focal_warning(focal_ratio, self._intrinsics),
+                self._intrinsics.settled_states,
+            )
+            differs = abs(ratio - self._bent_by) > _CONTRADICTED * self._focal_sigma
+            if self._warnings.lasting("focal length", message, states) and differs:
+                self._bent_by, self.camera = ratio, self.calibration.camera.bent_by(ratio)
 
 
 def turned_by(given: gtsam.Pose3, extrinsics: Extrinsics) -> tuple[float, float]:

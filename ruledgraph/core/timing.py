@@ -90,13 +90,15 @@ class Messages(list[str]):
             self._once.add(kind)
             self.append(message)
 
-    def lasting(self, kind: str, message: str | None, times: int) -> None:
+    def lasting(self, kind: str, message: str | None, times: int) -> bool:
         """Append the first message of a kind that has come so many times in a row, None between
-        them counting as its absence.
+        them counting as its absence. Returns whether it has.
         """
         self._in_a_row[kind] = self._in_a_row.get(kind, 0) + 1 if message else 0
-        if message and self._in_a_row[kind] >= times:
+        lasts = self._in_a_row[kind] >= times
+        if message and lasts:
             self.once(kind, message)
+        return lasts
 
     def counted(self, kind: str, message: str) -> None:
         """Append the first message of a kind, and how often it came when it comes again."""

@@ -18,7 +18,6 @@ from evo.tools import file_interface
 
 from ruledgraph.app.cli import main
 from ruledgraph.app.runner import run
-from ruledgraph.calibration import read_calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.measurements import ImuSample
 from ruledgraph.core.settings import load_config
@@ -287,46 +286,6 @@ def test_the_time_offset_can_be_given(recording, tmp_path):
     assert summary["inputs"]["time offset"] == "-0.012"
     assert summary["time_offset"]["s"] == summary["time_offset"]["given_s"] == -0.012
     assert not summary["time_offset"]["estimated"]
-
-
-def test_the_calibration_as_found_can_be_given_to_the_next_run(recording, tmp_path):
-    arguments = ("--calibration", recording / "calib.yaml", "--duration", 2.5)
-    result = smooth(recording / "small.bag", *arguments, "--output", tmp_path / "out")
-    assert result.exit_code == 0, result.output
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    found, given = (
-        read_calibration(path)
-        for path in (tmp_path / "out" / "calibration.yaml", recording / "calib.yaml")
-    )
-    np.testing.assert_allclose(
-        found.body_T_cam.inverse().matrix(), summary["extrinsics"]["T_cam_imu"], atol=1e-12
-    )
-    assert found.time_offset == summary["time_offset"]["s"]
-    turn = given.body_T_cam.rotation().between(found.body_T_cam.rotation()).axisAngle()[1]
-    assert np.degrees(turn) == pytest.approx(summary["extrinsics"]["rotation_deg"], abs=1e-6)
-    # The simulator's is exact: what was found lies within what is said of it.
-    assert np.degrees(turn) < 3.0 * summary["extrinsics"]["sigma_rotation_deg"] < 3.0
-    ratio, sigma = (summary["focal_length"][name] for name in ("ratio", "sigma_ratio"))
-    assert found.camera.fx == pytest.approx(ratio * given.camera.fx, rel=1e-12)
-    assert found.camera.fy == pytest.approx(ratio * given.camera.fy, rel=1e-12)
-    assert abs(ratio - 1.0) < 3.0 * sigma < 0.03
-    assert found.imu_noise == given.imu_noise
-
-
-def test_the_camera_can_be_held(recording, tmp_path):
-    arguments = ("--calibration", recording / "calib.yaml", "--duration", 1.0)
-    held = ("--set", "extrinsics.estimate=false", "--set", "intrinsics.estimate=false")
-    result = smooth(recording / "small.bag", *arguments, *held, "--output", tmp_path / "out")
-    assert result.exit_code == 0, result.output
-    assert "Extrinsics   as given, not estimated" in result.output
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["extrinsics"] == summary["focal_length"] == {"estimated": False}
-    assert "Focal length as given, not estimated" in result.output
-    found, given = (
-        read_calibration(path)
-        for path in (tmp_path / "out" / "calibration.yaml", recording / "calib.yaml")
-    )
-    assert found.camera == given.camera
 
 
 def test_the_readout_can_be_given(recording, tmp_path):

@@ -87,16 +87,27 @@ def test_a_new_smoother_goes_on_with_it(monkeypatch):
 
 
 def test_it_is_kept_and_warned_of_once_it_is_settled():
+    """From then on points are undistorted by it."""
     warnings = Messages()
-    mounting = CameraMounting(CALIBRATION, Config(), warnings)
+    lens = dataclasses.replace(
+        CALIBRATION.camera, distortion="radtan", coefficients=(-0.283, 0.074, 2e-4, 0.0)
+    )
+    calibration = dataclasses.replace(CALIBRATION, camera=lens)
+    mounting = CameraMounting(calibration, Config(), warnings)
     assert mounting.focal_ratio == FocalRatio(1.0, DEFAULTS.focal_sigma)
     mounting.update(None, FocalRatio(1.03, 2e-3))
     mounting.update(None, None)
     assert mounting.focal_ratio == FocalRatio(1.03, 2e-3)
-    assert mounting.calibration == dataclasses.replace(CALIBRATION, focal_ratio=1.03)
+    assert mounting.calibration == dataclasses.replace(calibration, focal_ratio=1.03)
     for _ in range(DEFAULTS.settled_states - 1):
         assert list(warnings) == []
+        assert mounting.camera is lens
         mounting.update(None, FocalRatio(1.03, 2e-3))
+    assert mounting.camera == lens.bent_by(1.03)
+    mounting.update(None, FocalRatio(1.034, 2e-3))
+    assert mounting.camera == lens.bent_by(1.03)
+    mounting.update(None, FocalRatio(1.037, 2e-3))
+    assert mounting.camera == lens.bent_by(1.037)
     (warning,) = warnings
     assert warning == (
         "the focal length is 3.0 % (deviation 0.2 %) longer than the calibration's: correct "
