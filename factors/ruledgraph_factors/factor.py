@@ -16,7 +16,12 @@ from ruledgraph_factors.evaluation import (
     writing,
 )
 from ruledgraph_factors.factor_spec import ErrorFunction, SpecFactor
-from ruledgraph_factors.ruled_surface import EXTRINSICS_COLUMNS, FOCAL_COLUMNS, State
+from ruledgraph_factors.ruled_surface import (
+    EXTRINSICS_COLUMNS,
+    FOCAL_COLUMNS,
+    LINE_COLUMNS,
+    State,
+)
 from ruledgraph_factors.spec import RuledSurfaceSpec
 from ruledgraph_factors.validation import FloatArray, positive_number, vector_of
 
@@ -27,7 +32,7 @@ _COLUMNS = {
     "velocity_key": slice(6, 9),
     "bias_key": slice(9, 15),
     "gravity_key": slice(15, 18),
-    "line_key": slice(18, 22),
+    "line_key": LINE_COLUMNS,
     "time_key": slice(22, 23),
 }
 

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ruledgraph_factors.errors import FactorError
 from ruledgraph_factors.evaluation import Evaluate, evaluation, native_surface
 from ruledgraph_factors.kernel import active_kernel, native
 from ruledgraph_factors.ruled_surface import State
@@ -45,11 +46,14 @@ class RobustLines:
     """See the head of this file.
 
     Args:
-        surfaces: of the lines, with compressed points and without extrinsics as a variable; keys
-            and noise models have no part.
+        surfaces: of the lines, with compressed points and without extrinsics or focal ratio as a
+            variable; keys and noise models have no part.
         sigma: standard deviation of a point, normalised image units.
         chunk: frames of a line that share one loss.
         scales: k_c, in standard deviations, of each chunk of each line.
+
+    Raises:
+        FactorError: where extrinsics or the focal ratio are a variable.
     """
 
     def __init__(
@@ -59,6 +63,9 @@ class RobustLines:
         chunk: int,
         scales: Sequence[FloatArray],
     ) -> None:
+        for surface in surfaces:
+            if surface.has_extrinsics or surface.has_focal_ratio:
+                raise FactorError("extrinsics and focal ratio cannot be variables here")
         self._surfaces = surfaces
         self._precision = 1.0 / sigma
         self._chunk = chunk

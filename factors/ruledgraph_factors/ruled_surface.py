@@ -37,6 +37,7 @@ from ruledgraph_factors.so3 import hat
 from ruledgraph_factors.validation import FloatArray, IntArray
 
 COLUMNS, COLUMNS_WITH_TIME, EXTRINSICS_COLUMNS, FOCAL_COLUMNS = 22, 23, 6, 1
+LINE_COLUMNS = slice(18, 22)
 # A ruling with |m_xy| below this (for a unit Pluecker pair) has no finite image line: the camera's
 # centre lies on the line, or the line lies in the camera's focal plane.
 NO_RULING = 1e-9

@@ -17,6 +17,7 @@ from ruledgraph.backend.line_factors import EdgeModel
 from ruledgraph.backend.states import Interval, LineObservation
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
+from ruledgraph_factors.ruled_surface import LINE_COLUMNS
 
 JUMP_DOF = 6
 """Accelerometer and gyroscope, three axes each."""
@@ -147,7 +148,7 @@ def _whitened(interval: Interval, seen: Sequence[LineObservation], model: EdgeMo
         found = observation.factor.evaluate(state._replace(line=line.delta), True)
         assert found.jacobian is not None  # noqa: S101 - it was asked for
         sigma = model.sigma / math.sqrt(line.weight)
-        by_line = found.jacobian[:, -4:] / sigma
+        by_line = found.jacobian[:, LINE_COLUMNS] / sigma
         root = np.linalg.cholesky(np.eye(len(by_line)) + by_line @ line.covariance @ by_line.T)
         by_state = np.column_stack([found.value, found.jacobian[:, :15]]) / sigma
         white = np.linalg.solve(root, by_state)

@@ -31,7 +31,7 @@ class CameraMounting:
 
     def __init__(self, calibration: Calibration, config: Config, warnings: Messages) -> None:
         self.calibration = calibration
-        """With pose, focal ratio and readout as they are known by now."""
+        """With pose and readout as they are known by now."""
         self.camera = calibration.camera
         """That points are undistorted by: the calibration's, or, once the focal length is known to
         be another one, bent by that (`CameraModel.bent_by`)."""
@@ -40,7 +40,7 @@ class CameraMounting:
         self._extrinsics, self._intrinsics = config.extrinsics, config.intrinsics
         sigmas = self._extrinsics.rotation_sigma, self._extrinsics.translation_sigma
         self._covariance = np.diag(np.repeat(np.square(sigmas), 3))
-        self._focal_sigma = self._intrinsics.focal_sigma
+        self._focal_ratio = FocalRatio(1.0, self._intrinsics.focal_sigma)
         self._warnings = warnings
 
     @property
@@ -52,10 +52,16 @@ class CameraMounting:
 
     @property
     def focal_ratio(self) -> FocalRatio | None:
-        """Of the focal length to the calibration's; None when it is not estimated."""
-        if not self._intrinsics.estimate:
-            return None
-        return FocalRatio(self.calibration.focal_ratio, self._focal_sigma)
+        """Of the focal length to the calibration's; None when it is not estimated. In the image of
+        a wide-angle lens another focal length is more than another scale.
+        """
+        estimated = self._intrinsics.estimate and self.camera.distortion in ("none", "radtan")
+        return self._focal_ratio if estimated else None
+
+    @property
+    def ratio(self) -> float:
+        """The same without its deviation, 1 when it is not estimated."""
+        return self._focal_ratio.value
 
     def turn(self, body_R_cam: FloatArray) -> None:
         """Take another rotation for the calibration's, whose translation may be in other axes."""
@@ -80,15 +86,14 @@ class CameraMounting:
             message = mounting_warning(self._given, extrinsics, self._extrinsics)
             self._warnings.lasting("extrinsics", message, self._extrinsics.settled_states)
         if focal_ratio is not None:
-            ratio, self._focal_sigma = focal_ratio
-            self.calibration = dataclasses.replace(self.calibration, focal_ratio=ratio)
-            message, states = (
-                focal_warning(focal_ratio, self._intrinsics),
-                self._intrinsics.settled_states,
-            )
-            differs = abs(ratio - self._bent_by) > _CONTRADICTED * self._focal_sigma
-            if self._warnings.lasting("focal length", message, states) and differs:
-                self._bent_by, self.camera = ratio, self.calibration.camera.bent_by(ratio)
+            self._focal_ratio = focal_ratio
+            message = focal_warning(focal_ratio, self._intrinsics)
+            states = self._intrinsics.settled_states
+            settled = self._warnings.lasting("focal length", message, states)
+            differs = abs(self.ratio - self._bent_by) > _CONTRADICTED * focal_ratio.sigma
+            if settled and differs:
+                self._bent_by = self.ratio
+                self.camera = self.calibration.camera.bent_by(self.ratio)
 
 
 def turned_by(given: gtsam.Pose3, extrinsics: Extrinsics) -> tuple[float, float]:

@@ -291,8 +291,6 @@ class Calibration:
     global shutter; None: not known, a global shutter unless the images show another."""
     stamp_at_middle_row: bool = False
     """Whether the stamp of an image is that of its middle row, not of the first one."""
-    focal_ratio: float = 1.0
-    """Of the camera's focal length to that of `camera`, as found while running."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= (self.line_delay or 0.0) < np.inf:

@@ -57,7 +57,8 @@ class FrontEnd:
 
     def undistort_by(self, camera: CameraModel) -> None:
         """Undistort points by this camera from now on, whose focal length is the same."""
-        self.tracker.camera = self.tracker.starter.camera = camera
+        if camera is not self.tracker.camera:
+            self.tracker.undistort_by(camera)
 
     def start_tracks(self) -> None:
         """Start tracks on the segments found in the frame before, if they were looked for."""

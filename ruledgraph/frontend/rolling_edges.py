@@ -75,14 +75,14 @@ def estimated_moves(
     ends: FloatArray, plucker: FloatArray, world_T_cam: gtsam.Pose3, rows: RowMotion
 ) -> FloatArray:
     """Moves (N, 2, 2) of lines' rulings with these ends (N, 2, 2), from the lines (N, 6) in the
-    world: with n(t) = m - c(t) x v a ruling is off an end p by p . n / |n_xy|, exact at the first
-    row and at the last.
+    world: with n(t) = m - c(t) x v a ruling is off an end (x, y, s) by its product with n / |n_xy|,
+    s being the focal ratio, exact at the first row and at the last.
     """
     R = world_T_cam.rotation().matrix()
     moment = (plucker[:, :3] - np.cross(world_T_cam.translation(), plucker[:, 3:])) @ R
     direction = plucker[:, 3:] @ R
     assert rows.positions is not None  # noqa: S101 - asked before
-    of_ends = np.concatenate([ends, np.ones((len(ends), 2, 1))], axis=2)
+    of_ends = np.concatenate([ends, np.full((len(ends), 2, 1), rows.focal_ratio)], axis=2)
     normals, off = normal_of(ends), []
     for centre in (rows.positions[0], rows.positions[-1]):
         n = moment - np.cross(centre, direction)

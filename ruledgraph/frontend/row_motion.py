@@ -31,6 +31,7 @@ class RowMotion:
     """Motion of the camera during one image, at a grid of times from the first row to the last."""
 
     camera: CameraModel
+    """That points are undistorted by."""
     line_delay: float
     """s."""
     times: FloatArray
@@ -39,6 +40,8 @@ class RowMotion:
     """phi: rotation vectors of middle_R_row, (G, 3), rad."""
     positions: FloatArray | None
     """Of the camera from that at the middle row, in its axes, (G, 3), m; None while not known."""
+    focal_ratio: float = 1.0
+    """Of the camera's focal length to the one that points are normalised with."""
 
     @property
     def half(self) -> float:
@@ -53,11 +56,14 @@ class RowMotion:
 
     def derotated(self, points: FloatArray, times: FloatArray) -> FloatArray:
         """Points (N, 2) seen at times (N,), turned to the middle row's."""
-        return _turned(points, self._turn(times))
+        return self._turned(points, self._turn(times))
 
     def rotated(self, points: FloatArray, times: FloatArray) -> FloatArray:
         """Points (N, 2) of the middle row's time, turned to times (N,)."""
-        return _turned(points, -self._turn(times))
+        return self._turned(points, -self._turn(times))
+
+    def _turned(self, points: FloatArray, vectors: FloatArray) -> FloatArray:
+        return self.focal_ratio * _turned(points / self.focal_ratio, vectors)
 
     def _turn(self, times: FloatArray) -> FloatArray:
         return np.stack([np.interp(times, self.times, phi) for phi in self.turns.T], axis=1)

@@ -46,18 +46,18 @@ class Tracker:
         self.tracks: list[Track] = []
         """Those that are followed."""
         self._ended: list[Track] = []  # lost, with sightings that are not forgotten yet
-        self.camera = camera
-        """That points are undistorted by."""
         self._edges = edges = scaled_to(camera, edges)
         self._config = config
         max_rms = {"maxima": config.max_rms_px, "sobel": config.max_rms_sobel_px}
         self._max_rms = max_rms[edges.points]
         self._time = self._elapsed = 0.0  # of the last frame, and since the one before it, s
         self.starter = TrackStarter(camera, edges, config, self._max_rms)
-        corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
-        rim = np.concatenate([corners, [[0.5, 0.0], [0.5, 1.0], [0.0, 0.5], [1.0, 0.5]]])
-        seen = camera.undistort(rim * [camera.width - 1, camera.height - 1])
-        self._low, self._high = np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)
+        self.undistort_by(camera)
+
+    def undistort_by(self, camera: CameraModel) -> None:
+        """Undistort points by this camera from now on, whose focal length is the same."""
+        self.camera = self.starter.camera = camera
+        self._low, self._high = _field_of_view(camera)
 
     def track(
         self,
@@ -236,3 +236,11 @@ class Tracker:
             self._sight(stamp, started, edges)
             expect_motion(started, self.tracks, self._elapsed, self.camera, self._config)
             self.tracks += started
+
+
+def _field_of_view(camera: CameraModel) -> tuple[FloatArray, FloatArray]:
+    """Least and largest normalised coordinates of the image's rim, (2,) each."""
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    rim = np.concatenate([corners, [[0.5, 0.0], [0.5, 1.0], [0.0, 0.5], [1.0, 0.5]]])
+    seen = camera.undistort(rim * [camera.width - 1, camera.height - 1])
+    return np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)

@@ -55,6 +55,7 @@ def start_in_motion(
     tracks: Sequence[LineTrack],
     calibration: Calibration,
     config: Config,
+    focal_ratio: float = 1.0,
 ) -> Start | Refusal:
     """The state at the first of some frames from line tracks and IMU.
 
@@ -68,6 +69,7 @@ def start_in_motion(
         tracks: lines that were seen in them.
         calibration: of camera and IMU.
         config: all settings.
+        focal_ratio: of the camera's focal length to the one that tracks were normalised with.
     """
     step = max(1, -(-len(stamps) // _MOST_FRAMES))
     places = {stamps[i]: n for n, i in enumerate(range(0, len(stamps), step))}
@@ -76,7 +78,7 @@ def start_in_motion(
     for track in tracks:
         hits = [s for s in track.sightings if s.stamp in places]
         if len(hits) >= least:
-            sightings = [s.with_focal_ratio(calibration.focal_ratio) for s in hits]
+            sightings = [s.with_focal_ratio(focal_ratio) for s in hits]
             seen.append(Seen(track, [places[s.stamp] for s in hits], sightings))
     if len(seen) < _FEWEST_LINES:
         return Refusal(f"{len(seen)} lines were followed long enough, {_FEWEST_LINES} are needed")

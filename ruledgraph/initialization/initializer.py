@@ -134,7 +134,8 @@ class Initializer:
             used = frames.since(now.time - length)
             stamps, times = [f.stamp for f in used], [f.time for f in used]
             tracks, calibration = self._front_end.observed(), self._mounting.calibration
-            found = start_in_motion(imu, stamps, times, tracks, calibration, self._config)
+            ratio = self._mounting.ratio
+            found = start_in_motion(imu, stamps, times, tracks, calibration, self._config, ratio)
             if isinstance(found, Start):
                 return found
             refusal = refusal or found

@@ -25,13 +25,17 @@ def predicted(
         body_R_cam = body_T_cam.rotation()
         before_R_body = rotation_between(sensors.imu, before.time, now.time)
         R = body_R_cam.matrix().T @ before_R_body.matrix().T @ body_R_cam.matrix()
-        ratio = stages.mounting.calibration.focal_ratio
-        return Predicted(CameraMotion(R, elapsed, body_T_cam, body_T_cam, ratio), {})
+        at_rest = CameraMotion(R, elapsed, body_T_cam, body_T_cam, stages.mounting.ratio)
+        return Predicted(at_rest, {})
     body_T_cam, rest, window = segment.body_T_cam, segment.rest, segment.window
     world_T_before = rest.held(segment.state.pose(), window).compose(body_T_cam)
     world_T_cam = rest.held(segment.predict(now.time).pose(), window).compose(body_T_cam)
     R = world_T_cam.between(world_T_before).rotation().matrix()
-    found = window.self_calibration.focal_ratio
-    ratio = stages.mounting.calibration.focal_ratio if found is None else found.value
-    motion = CameraMotion(R, elapsed, world_T_before, world_T_cam, ratio)
+    motion = CameraMotion(R, elapsed, world_T_before, world_T_cam, focal_ratio(stages, segment))
     return Predicted(motion, segment.predicted_lines(now.time))
+
+
+def focal_ratio(stages: Stages, segment: TrajectorySegment | None) -> float:
+    """Of the focal length to the calibration's, as the segment's window has it, or those before."""
+    found = None if segment is None else segment.window.self_calibration.focal_ratio
+    return stages.mounting.ratio if found is None else found.value

@@ -22,15 +22,17 @@ def row_motion(
     time: float,
     state: gtsam.NavState | None,
     bias: gtsam.imuBias.ConstantBias,
+    focal_ratio: float = 1.0,
 ) -> RowMotion:
     """The camera's motion about the middle row.
 
     Args:
-        calibration: with a readout.
+        calibration: with a readout, and the camera that points are undistorted by.
         imu: samples from the first row's time to the last's.
         time: of the middle row, s.
         state: of the body at that time; None before a start, when only the rotation is known.
         bias: of the IMU.
+        focal_ratio: of the camera's focal length to the calibration's.
     """
     half = 0.5 * calibration.readout
     times = np.linspace(-half, half, _ROWS)
@@ -43,6 +45,7 @@ def row_motion(
     relative = [middle.between(camera) for camera in cameras]
     return RowMotion(
         camera=calibration.camera,
+        focal_ratio=focal_ratio,
         line_delay=calibration.line_delay or 0.0,
         times=times,
         turns=np.array([gtsam.Rot3.Logmap(pose.rotation()) for pose in relative]),

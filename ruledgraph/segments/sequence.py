@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Trajectory segments: each begins with a start and ends with a failure or a gap."""
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 
@@ -15,6 +17,7 @@ from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.initializer import Initializer
 from ruledgraph.initialization.trial import Trial
 from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState, continued
+from ruledgraph.segments.prediction import focal_ratio
 from ruledgraph.segments.rows import row_motion
 from ruledgraph.segments.segment import TrajectorySegment
 from ruledgraph.segments.stages import Stages
@@ -65,7 +68,7 @@ class SegmentSequence:
 
     @property
     def _mounted(self) -> Calibration:
-        """The calibration with the camera's pose in the body as it is known by now."""
+        """The calibration with the camera's pose and readout as they are known by now."""
         return self._stages.mounting.calibration
 
     def row_motion(self, now: FrameTime) -> RowMotion | None:
@@ -73,8 +76,11 @@ class SegmentSequence:
         segment, half, imu = self.current, 0.5 * self._mounted.readout, self._stages.sensors.imu
         if not (half and imu.covers(now.time - half, now.time + half)):
             return None
+        mounting = self._stages.mounting
+        calibration = replace(mounting.calibration, camera=mounting.camera)
+        ratio = focal_ratio(self._stages, segment)
         known = (None, _NO_BIAS) if segment is None else (segment.state, segment.window.newest.bias)
-        return row_motion(self._mounted, imu, now.time, *known)
+        return row_motion(calibration, imu, now.time, *known, focal_ratio=ratio)
 
     # -- beginning -------------------------------------------------------------------------------
 

@@ -98,7 +98,8 @@ def test_it_is_kept_and_warned_of_once_it_is_settled():
     mounting.update(None, FocalRatio(1.03, 2e-3))
     mounting.update(None, None)
     assert mounting.focal_ratio == FocalRatio(1.03, 2e-3)
-    assert mounting.calibration == dataclasses.replace(calibration, focal_ratio=1.03)
+    assert mounting.ratio == 1.03
+    assert mounting.calibration == calibration
     for _ in range(DEFAULTS.settled_states - 1):
         assert list(warnings) == []
         assert mounting.camera is lens
