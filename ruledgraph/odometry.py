@@ -84,7 +84,7 @@ class Odometry(Output):
 
     @property
     def mounting(self) -> CameraMounting:
-        """The camera's pose in the body, as last known."""
+        """The camera's pose in the body, its readout and its focal length, as last known."""
         return self._stages.mounting
 
     def add(self, measurement: Measurement) -> None:

@@ -102,7 +102,13 @@ def load_graph(path: str | os.PathLike[str]) -> gtsam.NonlinearFactorGraph:
         index, _, attribute = name.partition(".")
         own[index][attribute] = array
     for index, parts in header["factors"].items():
-        spec = _SPECS[parts["format"]].from_dict({**parts, "arrays": own[index]})
+        kind = _SPECS.get(parts["format"])
+        if kind is None:
+            raise FactorError(
+                f"{os.fspath(path)} holds factors of format {parts['format']!r}, not one of "
+                f"{', '.join(_SPECS)}"
+            )
+        spec = kind.from_dict({**parts, "arrays": own[index]})
         graph.replace(int(index), build_factor(spec))
     return graph
 

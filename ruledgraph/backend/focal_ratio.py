@@ -3,8 +3,7 @@
 """The camera's focal length, estimated in the window.
 
 The variable F(k) is the focal length in the frames after state k over the calibration's. Both focal
-lengths of a camera have the same ratio, and distortion is that of the calibration. It is tied to
-the last by
+lengths of a camera have the same ratio. It is tied to the last by
 
     F(k) = F(k-1) + n,    n ~ N(0, random_walk^2 (t_k - t_{k-1})).
 """

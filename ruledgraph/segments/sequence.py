@@ -78,9 +78,10 @@ class SegmentSequence:
             return None
         mounting = self._stages.mounting
         calibration = replace(mounting.calibration, camera=mounting.camera)
+        state = None if segment is None else segment.state
+        bias = _NO_BIAS if segment is None else segment.window.newest.bias
         ratio = focal_ratio(self._stages, segment)
-        known = (None, _NO_BIAS) if segment is None else (segment.state, segment.window.newest.bias)
-        return row_motion(calibration, imu, now.time, *known, focal_ratio=ratio)
+        return row_motion(calibration, imu, now.time, state, bias, ratio)
 
     # -- beginning -------------------------------------------------------------------------------
 

@@ -114,3 +114,14 @@ def test_foreign_custom_factors_and_files_are_named(tmp_path: Path) -> None:
     np.savez(tmp_path / "other.npz", a=np.zeros(3))
     with pytest.raises(FactorError, match=r"other.npz holds no graph"):
         load_graph(tmp_path / "other.npz")
+
+
+def test_a_file_with_factors_of_another_version_is_named(tmp_path: Path) -> None:
+    graph, _ = mixed_graph()
+    save_graph(graph, tmp_path / "graph.npz")
+    with np.load(tmp_path / "graph.npz") as file:
+        parts = dict(file)
+    header = str(parts["header"]).replace("RuledSurfaceSpec/2", "RuledSurfaceSpec/1")
+    np.savez(tmp_path / "older.npz", **{**parts, "header": np.array(header)})
+    with pytest.raises(FactorError, match=r"factors of format '.*RuledSurfaceSpec/1', not one of"):
+        load_graph(tmp_path / "older.npz")

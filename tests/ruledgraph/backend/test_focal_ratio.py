@@ -63,6 +63,19 @@ def test_without_it_the_poses_suffer():
     assert worst(held, made) > 2.0 * worst(free, made)
 
 
+def test_lines_are_placed_and_end_where_the_true_camera_saw_them():
+    """With the ratio known; a line's chart is where it was triangulated."""
+    exact = run_window(tracks_with(1.0, seed=3), FocalRatio(1.0, 1e-6))
+    other = run_window(tracks_with(1.04, seed=3), FocalRatio(1.04, 1e-6))
+    assert len(exact.lines) > 8
+    for id_, line in exact.lines.items():
+        seen = other.lines[id_]
+        same = [own.chart.plucker(np.zeros(4))[0] for own in (line, seen)]
+        np.testing.assert_allclose(*same, atol=1e-3)
+        ends = [own.estimate(0.1).ends for own in (line, seen)]
+        np.testing.assert_allclose(*ends, atol=0.02)
+
+
 def test_its_deviation_is_what_it_is_said_to_be():
     """Mean NEES of 24 windows: 99 % of such means lie in 0.41 to 1.90 were all Gaussian. Points
     have independent errors here, and count as if eight had one in common (`edges.correlation`).

@@ -6,6 +6,8 @@ The camera turns at a constant rate and accelerates evenly. Each point of a line
 time of its row; moved, it has to lie on the image of the line at the middle row's time.
 """
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
@@ -86,16 +88,21 @@ def test_rows_have_their_times() -> None:
     np.testing.assert_allclose(times, expected, atol=1e-9)
 
 
+@pytest.mark.parametrize("ratio", [1.0, 1.04])
 @pytest.mark.parametrize("camera", [PINHOLE, BENT], ids=["pinhole", "radtan"])
-def test_points_are_moved_onto_the_line_of_the_middle_row(camera: CameraModel) -> None:
+def test_points_are_moved_onto_the_line_of_the_middle_row(
+    camera: CameraModel, ratio: float
+) -> None:
+    """Also where points are normalised with a focal length that is off by a ratio."""
     rng, off, raw = np.random.default_rng(1), [], []
-    rows = rows_of(camera)
+    given = camera.with_focal_ratio(1.0 / ratio).bent_by(ratio)
+    rows = replace(rows_of(camera), camera=given, focal_ratio=ratio)
     for segment in random_segments(rng, 60):
-        ends = segment[:, :2] / segment[:, 2:]
+        ends = ratio * segment[:, :2] / segment[:, 2:]
         moves = estimated_moves(ends[None], plucker_in_world(segment)[None], WORLD_T_MIDDLE, rows)
         on_line = segment[0] + np.linspace(0.0, 1.0, 25)[:, None] * (segment[1] - segment[0])
         image = seen(on_line, camera)
-        image = image[in_view(image, camera)]
+        image = ratio * image[in_view(image, camera)]
         if len(image) < 10:
             continue
         moving = MovingRulings(rows, ends[None], moves)

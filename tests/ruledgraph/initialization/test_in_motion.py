@@ -44,6 +44,24 @@ def begun(made: IdealTracks, config: Config | None = None) -> Start | Refusal:
     )
 
 
+def test_tracks_of_another_focal_length_make_the_same_start():
+    """The calibration's is 4 % short, which a segment before has found."""
+    made = in_motion(0)
+    longer = [
+        track._replace(sightings=[s.with_focal_ratio(1.0 / 1.04) for s in track.sightings])
+        for track in made.tracks
+    ]
+    rest = made.imu, made.stamps, made.times.tolist()
+    own = start_in_motion(*rest, made.tracks, CALIBRATION, Config())
+    other = start_in_motion(*rest, longer, CALIBRATION, Config(), focal_ratio=1.04)
+    assert isinstance(own, Start)
+    assert isinstance(other, Start)
+    np.testing.assert_allclose(other.state.velocity(), own.state.velocity(), atol=1e-4)
+    assert other.state.pose().equals(own.state.pose(), 1e-4)
+    wrong = start_in_motion(*rest, longer, CALIBRATION, Config())
+    assert isinstance(wrong, Refusal) or not wrong.state.pose().equals(own.state.pose(), 1e-3)
+
+
 def window_of(made: IdealTracks) -> FirstWindow:
     frames = list(range(len(made.times)))
     seen = [Seen(track, frames, list(track.sightings)) for track in made.tracks]

@@ -25,11 +25,11 @@ namespace ruledgraph {
 struct CameraKeys {
   /// `double`, s: how much later than its motions say the frames of a factor were taken, to first
   /// order; the motions know their derivative by time.
-  std::optional<gtsam::Key> time;
+  std::optional<gtsam::Key> time{};
   /// `Pose3`, body_T_cam, in place of the one given.
-  std::optional<gtsam::Key> extrinsics;
+  std::optional<gtsam::Key> extrinsics{};
   /// `double`: the camera's focal length over the one that points were normalised with.
-  std::optional<gtsam::Key> focal;
+  std::optional<gtsam::Key> focal{};
 };
 
 /// A factor that observes a line: the base of `RuledSurfaceFactor` and `RuledSurfacePoseFactor`.
@@ -144,6 +144,9 @@ class LineObservation : public gtsam::NoiseModelFactor {
         has_focal_(camera.focal.has_value()),
         gravity_(gravity) {
     surface_.check(noise_model);
+    if (camera.time && form == Form::kPose) {
+      throw std::invalid_argument("ruledgraph: a pose of its own has no time offset");
+    }
     if (camera.time && !surface_.geometry().timed()) {
       throw std::invalid_argument("ruledgraph: motions must be preintegrated with_time");
     }
