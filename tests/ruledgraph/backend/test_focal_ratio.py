@@ -154,3 +154,15 @@ def test_points_undistorted_by_the_focal_length_found_are_those_of_the_true_came
 )
 def test_when_it_is_worth_a_warning(ratio, sigma, warned):
     assert (focal_warning(FocalRatio(ratio, sigma), DEFAULTS) is not None) == warned
+
+
+@pytest.mark.parametrize(
+    ("distortion", "coefficients", "estimated"),
+    [("radtan", (-0.3, 0.1, 0.0, 0.0), True), ("equidistant", (0.0, 0.0, 0.0, 0.0), False)],
+)
+def test_wide_angle_lenses_keep_the_calibrations(distortion, coefficients, estimated):
+    lens = dataclasses.replace(CALIBRATION.camera, distortion=distortion, coefficients=coefficients)
+    calibration = dataclasses.replace(CALIBRATION, camera=lens)
+    mounting = CameraMounting(calibration, Config(), Messages())
+    assert (mounting.focal_ratio is not None) == estimated
+    assert mounting.ratio == 1.0
