@@ -5,11 +5,18 @@
 from collections.abc import Sequence
 
 import numpy as np
+from click.testing import CliRunner, Result
 
+from ruledgraph.app.cli import main
 from ruledgraph.core.config import DEFAULTS, Config
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.evaluation import alignment
 from ruledgraph.odometry import Odometry
+
+
+def smooth(*arguments: object) -> Result:
+    """`ruledgraph smooth` with these arguments."""
+    return CliRunner().invoke(main, ["smooth", *map(str, arguments)])
 
 
 def run(

@@ -258,9 +258,7 @@ def scaled_noise(calibration: Calibration, factor: float) -> Calibration:
 
 def scaled_focal_length(calibration: Calibration, factor: float) -> Calibration:
     """The focal length is off by a factor."""
-    camera = calibration.camera
-    camera = replace(camera, fx=camera.fx * factor, fy=camera.fy * factor)
-    return replace(calibration, camera=camera)
+    return replace(calibration, camera=calibration.camera.with_focal_ratio(factor))
 
 
 # --------------------------------------------------------------------------------------------------

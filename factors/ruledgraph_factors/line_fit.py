@@ -9,7 +9,7 @@ import numpy as np
 
 from ruledgraph_factors.evaluation import Evaluate, evaluation, native_surface
 from ruledgraph_factors.kernel import active_kernel
-from ruledgraph_factors.ruled_surface import State
+from ruledgraph_factors.ruled_surface import LINE_COLUMNS, State
 from ruledgraph_factors.spec import RuledSurfaceSpec
 from ruledgraph_factors.validation import FloatArray
 
@@ -73,7 +73,7 @@ def fit_line_in_numpy(
         """With half the gradient, (4,)."""
         value, jacobian = evaluate(state._replace(line=delta), True)
         assert jacobian is not None  # noqa: S101 - it was asked for
-        by_line = jacobian[:, 18:22]
+        by_line = jacobian[:, LINE_COLUMNS]
         hessian = information * (by_line.T @ by_line)
         hessian.flat[::5] += prior
         gradient = information * (by_line.T @ value) + prior * delta

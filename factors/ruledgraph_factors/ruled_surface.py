@@ -151,7 +151,7 @@ class Geometry:
         by_motion[:, 3:] = cam_R_body @ by_motion[:, 3:]
         jacobian = np.zeros((len(self.motion), 6, by_motion.shape[-1] + 4))
         jacobian[..., :18], jacobian[..., 22:] = by_motion[..., :18], by_motion[..., 18:]
-        jacobian[:, :3, 18:22] = cam_R_world @ d_world_moment
+        jacobian[:, :3, LINE_COLUMNS] = cam_R_world @ d_world_moment
         jacobian[:, 3:, 19:22] = cam_R_world @ d_along
         return CameraLine(moment, direction, sign, jacobian[:, :3], jacobian[:, 3:])
 

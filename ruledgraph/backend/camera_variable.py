@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What is estimated of the camera beside lines and states."""
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
 import gtsam
+from gtsam import noiseModel
 from typing_extensions import Self
 
 from ruledgraph.core.arrays import FloatArray
@@ -53,3 +55,32 @@ class CameraVariable(ABC):
     @abstractmethod
     def random_walk_factor(self, before: Self, config: Config) -> gtsam.NonlinearFactor:
         """By how much it may differ from that of the interval before."""
+
+
+@dataclass(eq=False)
+class ScalarVariable(CameraVariable):
+    """One that is a number."""
+
+    SIZE: ClassVar[int] = 1
+
+    value: float
+    """The estimate."""
+    sigma: float
+    """Of that, when it was new."""
+
+    def insert(self, values: gtsam.Values) -> None:
+        """Add the estimate."""
+        values.insert(self.key, self.value)
+
+    def read(self, estimate: gtsam.Values) -> None:
+        """Take over what the smoother found."""
+        self.value = estimate.atDouble(self.key)
+
+    def read_covariance(self, covariance: FloatArray) -> None:
+        """Take over a marginal, (1, 1)."""
+        self.sigma = math.sqrt(covariance[0, 0])
+
+    def prior(self) -> gtsam.NonlinearFactor:
+        """Prior on the first one of a window."""
+        noise = noiseModel.Isotropic.Sigma(1, self.sigma)
+        return gtsam.PriorFactorDouble(self.key, self.value, noise)

@@ -10,29 +10,20 @@ lengths of a camera have the same ratio. It is tied to the last by
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import gtsam
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import F
 from typing_extensions import Self
 
-from ruledgraph.backend.camera_variable import CameraVariable
-from ruledgraph.core.arrays import FloatArray
+from ruledgraph.backend.camera_variable import ScalarVariable
 from ruledgraph.core.config import Config
 from ruledgraph.core.focal_ratio import FocalRatio
 
 
 @dataclass(eq=False)
-class FocalRatioState(CameraVariable):
+class FocalRatioState(ScalarVariable):
     """Variable of the focal length in one interval's frames."""
-
-    SIZE: ClassVar[int] = 1
-
-    ratio: float
-    """The estimate of F(k)."""
-    sigma: float
-    """Of that, when it was new."""
 
     @property
     def key(self) -> int:
@@ -42,24 +33,7 @@ class FocalRatioState(CameraVariable):
     @property
     def focal_ratio(self) -> FocalRatio:
         """The estimate."""
-        return FocalRatio(self.ratio, self.sigma)
-
-    def insert(self, values: gtsam.Values) -> None:
-        """Add the estimate."""
-        values.insert(self.key, self.ratio)
-
-    def read(self, estimate: gtsam.Values) -> None:
-        """Take over what the smoother found."""
-        self.ratio = estimate.atDouble(self.key)
-
-    def read_covariance(self, covariance: FloatArray) -> None:
-        """Take over a marginal, (1, 1)."""
-        self.sigma = math.sqrt(covariance[0, 0])
-
-    def prior(self) -> gtsam.NonlinearFactor:
-        """Prior on the first one of a window."""
-        noise = noiseModel.Isotropic.Sigma(1, self.sigma)
-        return gtsam.PriorFactorDouble(self.key, self.ratio, noise)
+        return FocalRatio(self.value, self.sigma)
 
     def random_walk_factor(self, before: Self, config: Config) -> gtsam.NonlinearFactor:
         """See the head of this file."""

@@ -66,7 +66,7 @@ class SelfCalibration(NamedTuple):
             None
             if offset is None
             else TimeOffsetState(
-                *at, offset_correction, offset.value - offset_correction, offset.sigma
+                *at, offset.value - offset_correction, offset.sigma, offset_correction
             ),
             None if self.extrinsics is None else ExtrinsicsState(*at, *self.extrinsics),
             None if self.focal_ratio is None else FocalRatioState(*at, *self.focal_ratio),

@@ -100,13 +100,13 @@ class Interval:
     def residual_offset(self) -> float:
         """Estimate of T(k), see `TimeOffsetState`: frames are so much later than in `motion`, s."""
         offset = self.camera.time_offset
-        return 0.0 if offset is None else offset.residual_offset
+        return 0.0 if offset is None else offset.value
 
     @property
     def focal_ratio(self) -> float:
         """Estimate of F(k), see `FocalRatioState`; 1 when that is not estimated."""
         ratio = self.camera.focal_ratio
-        return 1.0 if ratio is None else ratio.ratio
+        return 1.0 if ratio is None else ratio.value
 
     @property
     def is_rest_despite_imu(self) -> bool:

@@ -13,31 +13,23 @@ window. Corrections differ from interval to interval, the offset hardly does:
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import gtsam
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import T
 from typing_extensions import Self
 
-from ruledgraph.backend.camera_variable import CameraVariable
-from ruledgraph.core.arrays import FloatArray
+from ruledgraph.backend.camera_variable import ScalarVariable
 from ruledgraph.core.config import Config
 from ruledgraph.core.time_offset import TimeOffset
 
 
 @dataclass(eq=False)
-class TimeOffsetState(CameraVariable):
-    """Variable of the time offset of one interval's frames."""
-
-    SIZE: ClassVar[int] = 1
+class TimeOffsetState(ScalarVariable):
+    """Variable of the time offset of one interval's frames; `value` is T(k), s."""
 
     offset_correction: float
     """c_k: what was added to the calibration's offset in the times of its frames, s."""
-    residual_offset: float
-    """The estimate of T(k), s."""
-    sigma: float
-    """Of that, when it was new."""
 
     @property
     def key(self) -> int:
@@ -47,24 +39,7 @@ class TimeOffsetState(CameraVariable):
     @property
     def offset(self) -> TimeOffset:
         """Estimated offset less the calibration's, s."""
-        return TimeOffset(self.residual_offset, self.sigma).plus(self.offset_correction)
-
-    def insert(self, values: gtsam.Values) -> None:
-        """Add the estimate."""
-        values.insert(self.key, self.residual_offset)
-
-    def read(self, estimate: gtsam.Values) -> None:
-        """Take over what the smoother found."""
-        self.residual_offset = estimate.atDouble(self.key)
-
-    def read_covariance(self, covariance: FloatArray) -> None:
-        """Take over a marginal, (1, 1)."""
-        self.sigma = math.sqrt(covariance[0, 0])
-
-    def prior(self) -> gtsam.NonlinearFactor:
-        """Prior on the first one of a window."""
-        noise = noiseModel.Isotropic.Sigma(1, self.sigma)
-        return gtsam.PriorFactorDouble(self.key, self.residual_offset, noise)
+        return TimeOffset(self.value, self.sigma).plus(self.offset_correction)
 
     def random_walk_factor(self, before: Self, config: Config) -> gtsam.NonlinearFactor:
         """See the head of this file."""

@@ -11,7 +11,14 @@ from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, L, T, V, X
 
 from random_factors import random_case
-from ruledgraph_factors import GeometricPoints, RuledSurfaceFactor, RuledSurfaceSpec, State, kernel
+from ruledgraph_factors import (
+    FactorError,
+    GeometricPoints,
+    RuledSurfaceFactor,
+    RuledSurfaceSpec,
+    State,
+    kernel,
+)
 from ruledgraph_factors.robust_lines import RobustLines
 
 SIGMA, CHUNK = 0.01, 4
@@ -114,3 +121,9 @@ def test_the_loss_holds_what_is_far_off() -> None:
     squares = lines.squared_distances(case.at(), case.deltas)
     quadratic = np.array([0.5 * of_line.sum() / SIGMA**2 for of_line in squares])
     assert np.all(lines.losses(case.at(), case.deltas) < 0.5 * quadratic)
+
+
+@pytest.mark.parametrize("form", ["node+focal", "node+extrinsics"])
+def test_other_variables_of_the_camera_are_refused(form: str) -> None:
+    with pytest.raises(FactorError, match="extrinsics and focal ratio cannot be variables"):
+        Case(form).lines()

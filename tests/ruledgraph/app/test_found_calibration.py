@@ -8,17 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 
-from ruledgraph.app.cli import main
 from ruledgraph.app.found_calibration import calibration_summary, write_found_calibration
 from ruledgraph.calibration import read_calibration
 from ruledgraph.odometry import Odometry
+from small_runs import smooth
 from small_simulation import SMALL, write_small_recording
-
-
-def smooth(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["smooth", *map(str, arguments)])
 
 
 @pytest.fixture(scope="module")

@@ -13,20 +13,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 from evo.tools import file_interface
 
-from ruledgraph.app.cli import main
 from ruledgraph.app.runner import run
 from ruledgraph.core.config import Config
 from ruledgraph.core.measurements import ImuSample
 from ruledgraph.core.settings import load_config
 from ruledgraph.core.trajectory import Trajectory, read_tum
+from small_runs import smooth
 from small_simulation import frames, small_simulation, small_stream, write_small_recording
-
-
-def smooth(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["smooth", *map(str, arguments)])
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,8 @@ from ruledgraph.backend.line_factors import EdgeModel
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
+from ruledgraph.core.extrinsics import Extrinsics
+from ruledgraph.core.focal_ratio import FocalRatio
 from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph.imu.buffer import ImuBuffer
 from simulated_window import hand_held
@@ -75,6 +77,25 @@ def test_by_chance_it_finds_none() -> None:
     found = [time for seed in range(10) for time in run(made_of(seed, np.zeros(6)), limit)[1]]
     # Three with a deviation of 1.7, if it were exact.
     assert len(found) <= 8
+
+
+def test_variables_of_the_camera_that_are_known_make_no_difference() -> None:
+    """Likelihood ratios without a jump, of three motions; the newest lines' derivatives count."""
+    for seed in range(3):
+        ratios = []
+        for camera in (None, Extrinsics(CALIBRATION.body_T_cam, 1e-14 * np.eye(6))):
+            ratio = camera and FocalRatio(1.0, 1e-7)
+            made = made_of(seed, np.zeros(6))
+            window = Window(CALIBRATION, IDEAL, start_of(made), 0.0, camera, ratio)
+            ratios.append([])
+            for first in range(1, len(made.stamps) - FRAMES + 1, FRAMES):
+                part = slice(first, first + FRAMES)
+                times = made.times[part].tolist()
+                window.extend(made.stamps[part], times, made.imu, made.tracks, still=False)
+                ratios[-1] += [window.jump_test.ratio] if window.jump_test else []
+                window.optimize()
+        assert len(ratios[0]) > 3
+        np.testing.assert_allclose(ratios[1], ratios[0], rtol=0.05, atol=0.1)
 
 
 @pytest.mark.parametrize(
