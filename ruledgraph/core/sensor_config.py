@@ -26,7 +26,7 @@ class TimeOffsetConfig(Section):
     settled_change: float = number(5e-4, "s", 1e-6, 0.1)
     """... and the frames' times are no further from it ..."""
     settled_states: int = number(13, "", 1, 1000)
-    """... at so many states in a row: as many as a window of 2.5 s holds."""
+    """... at so many states in a row: those of 2.5 s."""
     warn_offset: float = number(3e-3, "s", 1e-6, 1.0)
     """A settled offset that far from the calibration's is worth a warning."""
 
@@ -50,7 +50,7 @@ class ExtrinsicsConfig(Section):
     settled_sigma: float = number(3e-3, "rad", 1e-6, 0.1)
     """The rotation is settled when its deviation is below this about every axis ..."""
     settled_states: int = number(13, "", 1, 1000)
-    """... at so many states in a row: as many as a window of 2.5 s holds."""
+    """... at so many states in a row: those of 2.5 s."""
     warn_rotation: float = number(8.7e-3, "rad", 1e-6, 1.0)
     """A settled rotation that far from the calibration's, half a degree, is worth a warning."""
 
@@ -69,7 +69,7 @@ class IntrinsicsConfig(Section):
     settled_sigma: float = number(3e-3, "", 1e-6, 0.1)
     """It is settled when its deviation is below this ..."""
     settled_states: int = number(13, "", 1, 1000)
-    """... at so many states in a row: as many as a window of 2.5 s holds."""
+    """... at so many states in a row: those of 2.5 s."""
     warn_change: float = number(0.01, "", 1e-6, 1.0)
     """A settled focal length that far from the calibration's, as a share, is worth a warning."""
 

@@ -8,9 +8,11 @@ import numpy as np
 from ideal_tracks import CALIBRATION, IdealTracks, error_of, ideal_tracks, start_of
 from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother
 from ruledgraph.backend.sliding_window import Window
-from ruledgraph.core.config import Config
+from ruledgraph.core.settings import load_config
 from simulated_window import SplineMotion
 
+LAG = 2.5
+CONFIG = load_config(None, [f"window.lag={LAG}"])
 RESTS_FROM, DURATION = 2.0, 8.0
 # A state is added every six frames.
 STEP = 6
@@ -47,16 +49,16 @@ def test_images_at_rest_are_no_news_of_lines_that_were_seen(monkeypatch):
 
     monkeypatch.setattr(FixedLagSmoother, "update", counting)
     made = moved_then_rested(0)
-    window = Window(CALIBRATION, Config(), start_of(made))
+    window = Window(CALIBRATION, CONFIG, start_of(made))
     for first in range(1, len(made.times) - STEP, STEP):
         added.clear()
         extend(window, made, first, lines=12)
-        # The whole window has rested from 2.3 + 2.5 s on.
+        # The whole window has rested from then on.
         if window.nodes[0].time > RESTS_FROM + 0.5:
             assert not any(added)
             # They are compared all the same, so that lines that move are found.
             assert window.intervals[-1].compared == 12
-        elif 0.5 < window.newest.time < RESTS_FROM + 2.5:
+        elif 0.5 < window.newest.time < RESTS_FROM + LAG:
             assert max(added) >= 12
         if window.newest.time > RESTS_FROM + 0.5:
             assert error_of(window.newest.state.pose(), made.motion.pose(DURATION)) < 0.005
@@ -65,7 +67,7 @@ def test_images_at_rest_are_no_news_of_lines_that_were_seen(monkeypatch):
 
 def test_new_lines_wait_until_the_body_moves():
     made = moved_then_rested(1)
-    window = Window(CALIBRATION, Config(), start_of(made))
+    window = Window(CALIBRATION, CONFIG, start_of(made))
     for first in range(1, len(made.times) - STEP, STEP):
         seen = 8 if made.times[first] < 6.0 else 12
         extend(window, made, first, seen)
