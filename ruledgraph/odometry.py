@@ -17,7 +17,7 @@ from ruledgraph.imu.frame_history import EARLY
 from ruledgraph.imu.image_input import image_fault
 from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.integrity.gauge import ReliableState
-from ruledgraph.segments.prediction import predicted
+from ruledgraph.segments.prediction import count_in_graph, predicted
 from ruledgraph.segments.sequence import SegmentSequence
 from ruledgraph.segments.stages import Stages
 
@@ -183,7 +183,7 @@ class Odometry(Output):
         expected = predicted(self._stages, segment, now)
         rows = segments.row_motion(now)
         found = front_end.process(frame, now.time, expected, detect_every, rows)
-        lines = 0 if segment is None else sum(id_ in segment.window.lines for id_ in found)
+        lines = count_in_graph(segment, found)
         sensors.frames.append(now)
         if segment is None or segments.last_status != "still":
             with self.timings.measured("clock"):
@@ -191,6 +191,7 @@ class Odometry(Output):
         if segment is None:
             with self.timings.measured("start"):
                 due = segments.try_start(now)
+            lines = count_in_graph(segments.current, found)
         else:
             if due or segment.rest.of_state:
                 segment.look(now.time)

@@ -72,7 +72,8 @@ def ruled_surface_factor(
         focal_key: double: the camera's focal length over the one that points were normalised with,
             about 1. Both focal lengths change by it; distortion is that of the given ones.
 
-    The keys of the factor are in the order of these arguments, the line's last.
+    The keys of the factor: pose, velocity, bias, then time, extrinsics and focal length as far as
+    there are keys of them, and the line.
 
     Raises:
         FactorError: naming the argument that is wrong.

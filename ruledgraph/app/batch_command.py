@@ -110,8 +110,8 @@ def _progress(total: int) -> Iterator[Callable[[Job, Outcome], None]]:
         def tell(job: Job, outcome: Outcome) -> None:
             nonlocal count
             count += 1
-            told = "failed" if outcome.error else short_text(outcome.summary)
-            click.echo(f"{count}/{total} {job.name}: {told}", err=True)
+            result = "failed" if outcome.error else short_text(outcome.summary)
+            click.echo(f"{count}/{total} {job.name}: {result}", err=True)
 
         yield tell
         return

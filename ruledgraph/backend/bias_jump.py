@@ -107,11 +107,11 @@ def bias_jump(
 
         2 log(p_jump / p_none).
 
-    They jumped where it is larger than it would be by chance, and where most lines fit better with
-    a jump, by a sign test (`integrity.jump_confidence`): a few that moved, or were taken for
-    others, make the ratio as large. The innovation of the state does not show what this does: with
-    a robust loss lines that all contradict the IMU are outliers, and the state stays where it was
-    predicted.
+    With a limit of -inf they jumped in any case. Else they did where it is larger than by chance,
+    and where most lines fit better with a jump, by a sign test (`integrity.jump_confidence`): a few
+    that moved, or were taken for others, make the ratio as large. The innovation of the state does
+    not show what this does: with a robust loss lines that all contradict the IMU are outliers, and
+    the state stays where it was predicted.
 
     Args:
         interval: the newest one, its state not corrected by it yet.

@@ -25,5 +25,5 @@ def edge_variance(squares: float, dof: float, config: EdgesConfig) -> float:
     Source: Gelman et al., Bayesian Data Analysis (3rd edition, 2013), 3.2.
     """
     independent = max(dof, 0.0) / config.correlation
-    told = squares if independent > 0.0 else 0.0
-    return (config.variance_prior + told) / (config.variance_prior + independent)
+    used = squares if independent > 0.0 else 0.0
+    return (config.variance_prior + used) / (config.variance_prior + independent)

@@ -5,7 +5,9 @@
 A calibrated mounting is off by a degree or so, or the camera was bumped. The variable E(k) is
 body_T_cam of the frames after state k, tied to the last by
 
-    E(k) = E(k-1) Exp(n),    n ~ N(0, diag(rotation_walk^2, translation_walk^2) (t_k - t_{k-1})).
+    E(k) = E(k-1) Exp(n),    n ~ N(0, Q (t_k - t_{k-1})),
+
+Q of the squares of `rotation_random_walk` and `translation_random_walk`.
 """
 
 from dataclasses import dataclass

@@ -64,11 +64,12 @@ def imu_interval(
         list(stamps),
         motion,
         imu.gravity,
+        noise,
         [_factor(node, preintegrated)],
         reliable_frames,
         repeats_frame,
-        camera,
-        still,
+        camera=camera,
+        still=still,
     )
     return interval, StateNode(node.index + 1, times[-1], state, node.bias, node.covariance)
 
@@ -104,6 +105,7 @@ def let_jump(
         accelerometer_walk=config.accelerometer_bias / root,
         gyroscope_walk=config.gyroscope_bias / root,
     )
+    interval.noise = jumping
     params = jumping.preintegration_params(imu.gravity)
     times = (node.time + interval.motion.elapsed).tolist()
     preintegrated = _preintegrated(node, times, imu.between(node.time, new.time), params)

@@ -63,12 +63,12 @@ class Predictions:
         self._predictions.clear()
         self._begin = time + self._longest
 
-    def carry_on(self, interval: Interval, time: float, imu: ImuBuffer, noise: ImuNoise) -> None:
+    def carry_on(self, interval: Interval, time: float, imu: ImuBuffer) -> None:
         """To a new state, at a time (s), at the end of an interval."""
         self._predictions = [p for p in self._predictions if time - p.since <= self._longest]
         motion = interval.motion.select([-1])
         for prediction in self._predictions:
-            prediction.carry_on(motion, time, imu, noise)
+            prediction.carry_on(motion, time, imu, interval.noise)
 
     def innovation(self, found: StateNode) -> Innovation | None:
         """Of the newest state against its oldest prediction; None where there is none, or where a
@@ -117,7 +117,7 @@ def innovation(
     whitened = np.linalg.solve(root, np.column_stack([found.covariance, moved]))
     remaining = np.linalg.solve(root, whitened[:, :-1].T)
     shares, axes = np.linalg.eigh(np.eye(len(moved)) - 0.5 * (remaining + remaining.T))
-    told = shares > _LEAST_GAIN
-    steps = axes[:, told].T @ whitened[:, -1]
-    nis = float(np.sum(steps**2 / shares[told]))
-    return Innovation(nis, int(np.count_nonzero(told)), since)
+    observed = shares > _LEAST_GAIN
+    steps = axes[:, observed].T @ whitened[:, -1]
+    nis = float(np.sum(steps**2 / shares[observed]))
+    return Innovation(nis, int(np.count_nonzero(observed)), since)

@@ -7,7 +7,7 @@ gets a new variable when its estimate has moved far from its linearisation point
 it does not fit its points, and retires when it was last seen before the window.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import gtsam
 import numpy as np
@@ -58,7 +58,7 @@ class LineMap:
 
     def observe(
         self,
-        tracks: Iterable[LineTrack],
+        tracks: Collection[LineTrack],
         intervals: Sequence[Interval],
         now: float,
         update: GraphUpdate,
@@ -72,6 +72,10 @@ class LineMap:
         distance, newest = self.usual_distance(), intervals[-1]
         rests = rests_throughout(intervals)
         waits = rests and bool(self.lines)
+        followed = {track.id for track in tracks}
+        for known in self.lines.values():
+            # Of a track that was another one's duplicate nothing more is seen.
+            known.in_view = known.in_view and known.id in followed
         for track in tracks:
             line = self.lines.get(track.id)
             if line is not None:

@@ -28,8 +28,9 @@ def rest_factors(
     intervals: Sequence[Interval], now: float, config: RestConfig
 ) -> list[gtsam.NonlinearFactor]:
     """Factors of a rest that lasts until the newest state, at time `now`, on the newest of its
-    states that is old enough: zero velocity, and no motion since the first state of the rest. They
-    are also added to the interval that ends there, or begins.
+    states that is old enough, unless it has them: zero velocity, and no motion since the first
+    state of the rest. They are also kept in the interval that ends there, or begins, for a smoother
+    that is begun anew.
 
     Where the IMU was not relied on in one of the last two intervals they are on the newest state:
     the biases are hardly known.
@@ -42,6 +43,8 @@ def rest_factors(
         if middle is None:
             return []
         part, k = middle, middle.node.index
+    if V(k) in _zero_velocities(rest):
+        return []
     first = rest[-1].node.index
     slow = noiseModel.Isotropic.Sigma(3, config.velocity_sigma)
     factors: list[gtsam.NonlinearFactor] = [gtsam.PriorFactorVector(V(k), np.zeros(3), slow)]
@@ -50,3 +53,9 @@ def rest_factors(
         factors.append(gtsam.BetweenFactorPose3(X(first), X(k), gtsam.Pose3(), near))
     part.imu_factors += factors
     return factors
+
+
+def _zero_velocities(rest: Sequence[Interval]) -> set[int]:
+    """Variables that are known to be zero already."""
+    of_rest = (factor for part in rest for factor in part.imu_factors)
+    return {f.keys()[0] for f in of_rest if isinstance(f, gtsam.PriorFactorVector)}

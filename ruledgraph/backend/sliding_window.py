@@ -136,13 +136,13 @@ class Window:
             tracks: of the lines to be taken in, usually all.
             still: whether the body has rested since the newest state, and for some time.
             offset_correction: what was added to the calibration's time offset in `times`, s.
-            jump_limit: from which likelihood ratio on the biases jump, see `bias_jump`; inf: they
-                do not, nor at rest (`rest_jump`).
+            jump_limit: from which likelihood ratio on the biases jump, see `bias_jump`; -inf: they
+                do, whatever the lines show; inf: they do not, nor at rest (`rest_jump`).
         """
         before, latest = self.newest, self._states.latest_interval
         repeats_frame = False
         if latest is not None and not latest.is_reliable and not imu.in_long_hole(before.time):
-            repeats_frame = True
+            repeats_frame = latest.last_is_repeated = True
             stamps, times = [latest.stamps[-1], *stamps], [before.time, *times]
         interval, new = imu_interval(
             before,
@@ -172,7 +172,7 @@ class Window:
         self.innovation = None
         if before.time == self.solved:
             self._predictions.begin_at(before)
-        self._predictions.carry_on(interval, new.time, imu, self._imu_noise)
+        self._predictions.carry_on(interval, new.time, imu)
         self._states.append(interval, new)
         self._update.insert(new)
         for factor in rest_factors(self.intervals, new.time, self._config.rest):

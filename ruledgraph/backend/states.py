@@ -13,6 +13,7 @@ from gtsam.symbol_shorthand import B, V, X
 
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.self_calibration import AS_CALIBRATED, CameraVariables
+from ruledgraph.calibration.sensors import ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Covariances, blocks
@@ -73,12 +74,16 @@ class Interval:
     motion: FrameMotion
     gravity: FloatArray
     """In the world, (3,), m/s^2."""
+    noise: ImuNoise
+    """Of its IMU factor: with scale errors, and a jump of the biases."""
     imu_factors: list[gtsam.NonlinearFactor]
     reliable_frames: int
     """How many of its frames come before the IMU is unreliable; later poses are guesses."""
     repeats_frame: bool = False
     """Whether its first frame is the state's own, the last one of the interval before, whose pose
     was a guess there."""
+    last_is_repeated: bool = False
+    """Whether its last frame is the first one of the interval after, too."""
     camera: CameraVariables = AS_CALIBRATED
     """What is estimated of the camera in its frames."""
     still: bool = False

@@ -23,14 +23,15 @@ def blocks(covariance: FloatArray) -> Covariances:
 
 class Innovation(NamedTuple):
     """How far the images, or a rest, moved a state from where the IMU alone carries the state of
-    one window before, or of the segment's beginning or the biases' last jump, if that is later.
+    one window before, or of the segment's beginning, or 2.5 s after the biases' last jump, if that
+    is later.
     """
 
     nis: float
     """Normalised innovation squared: chi-square with `dof` degrees of freedom where the noise
     figures of IMU and edges are right."""
     dof: int
-    """Directions of the state that they told something of."""
+    """Directions of the state that they observe."""
     since: float
     """Time of the state that is carried, s."""
 
@@ -65,7 +66,7 @@ class Estimate:
     """t_imu - t_cam, s, as of the last state; sigma 0 where it is not estimated."""
     innovation: Innovation | None = None
     """Of a state when it was new; None of other frames, of a segment's first state, of smoothed
-    estimates, and of states at rest that were not solved for."""
+    estimates, of states at rest that were not solved for, and for 2.5 s after the biases jumped."""
 
     @property
     def time(self) -> float:

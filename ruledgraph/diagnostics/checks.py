@@ -292,17 +292,17 @@ def examine_calibration(
             )
 
 
-def examine_camera_info(camera: CameraModel, told: CameraModel) -> Iterator[Finding]:
+def examine_camera_info(camera: CameraModel, recorded: CameraModel) -> Iterator[Finding]:
     """Whether a calibration's camera is the one that the recording's CameraInfo tells of.
 
     They may both be right and differ by a pixel or two; another resolution's calibration, or one of
     the image before it was rectified, differs by far more.
     """
-    if (told.width, told.height) != (camera.width, camera.height):
+    if (recorded.width, recorded.height) != (camera.width, camera.height):
         return  # images have one size, and that is looked at
     grid = np.meshgrid(*(np.linspace(0.1, 0.9, places) for places in _PLACES))
     pixels = np.stack(grid, axis=-1).reshape(-1, 2) * [camera.width, camera.height]
-    apart = np.linalg.norm(told.distort(camera.undistort(pixels)).pixels - pixels, axis=1)
+    apart = np.linalg.norm(recorded.distort(camera.undistort(pixels)).pixels - pixels, axis=1)
     usual = float(np.nanmedian(apart))
     if usual < _MODELS_DIFFER * camera.width:
         yield Finding(True, f"calibration and camera_info differ by {usual:.2g} px (median)")
@@ -310,8 +310,8 @@ def examine_camera_info(camera: CameraModel, told: CameraModel) -> Iterator[Find
         yield Finding(
             False,
             f"calibration and the recording's camera_info differ by {usual:.3g} px (focal lengths "
-            f"{camera.fx:.4g} and {told.fx:.4g}); use the calibration of this camera, resolution "
-            "and rectification",
+            f"{camera.fx:.4g} and {recorded.fx:.4g}); use the calibration of this camera, "
+            "resolution and rectification",
         )
 
 

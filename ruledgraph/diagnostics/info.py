@@ -195,9 +195,9 @@ def inspect_recording(
     if calibration is not None:
         info.findings += examine_calibration(calibration, info.image_size)
         info.findings += examine_readout(calibration, seen.times(seen.frame_stamps))
-        told = container.camera_info(camera) if camera is not None else None
-        if told is not None:
-            info.findings += examine_camera_info(calibration.camera, told)
+        recorded = container.camera_info(camera) if camera is not None else None
+        if recorded is not None:
+            info.findings += examine_camera_info(calibration.camera, recorded)
         if not info.missing:
             info.findings += turning(calibration)
     if plots is not None:
@@ -257,8 +257,8 @@ class _Observed:
         if message is None or not isinstance(message.data, bytes):
             return None
         try:
-            told = deserialise(self._by_name[name], message.data)
-            return camera_from_info(told, is_rectified(camera.name))
+            message_of_camera = deserialise(self._by_name[name], message.data)
+            return camera_from_info(message_of_camera, is_rectified(camera.name))
         except (UnreadableMessageError, CalibrationError):
             return None
 

@@ -44,7 +44,7 @@ class ImuBuffer:
         Returns:
             How long the IMU hung before it, s.
         """
-        hung = 0.0
+        hung, self.range_message = 0.0, ""
         if time <= (self._repeats or self._times or [-np.inf])[-1]:
             return hung
         value = np.concatenate([gyroscope, accelerometer])

@@ -36,14 +36,12 @@ class CameraClock:
         self._warnings = warnings
 
     def update(self, offset: TimeOffset | None, confirmed: bool) -> None:
-        """Take in an estimate, counted from the calibration's; frames to come are timed by it once
-        it is confirmed.
+        """Take in an estimate, counted from the calibration's, if its start is confirmed; frames to
+        come are timed by it.
         """
-        if offset is None:
+        if offset is None or not confirmed:
             return
         self.offset = offset.plus(self._calibrated)
-        if not confirmed:
-            return
         offset_correction, config = self._sensors.offset_correction, self._config
         message = offset_warning(offset_correction, offset, self._calibrated, config)
         self._warnings.lasting("time offset", message, config.settled_states)

@@ -13,7 +13,7 @@ from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Covariances
 
-_UP = np.array([0.0, 0.0, 1.0])
+UP = np.array([0.0, 0.0, 1.0])
 
 
 def heading(ours: FloatArray, other: FloatArray) -> gtsam.Rot3:
@@ -42,7 +42,7 @@ class GaugeUncertainty:
         self, position: FloatArray, heading: float, pivot: FloatArray
     ) -> "GaugeUncertainty":
         """More of both, with another pivot from now on."""
-        arm = np.cross(_UP, pivot - self.pivot)
+        arm = np.cross(UP, pivot - self.pivot)
         by_heading = self.heading * np.outer(arm, arm)
         return GaugeUncertainty(
             self.position + by_heading + position, self.heading + heading, pivot
@@ -58,10 +58,10 @@ class GaugeUncertainty:
         of_pose[3:, 3:] += R.T @ self.position @ R
         if self.heading == 0.0:
             return of_pose, of_velocity, of_bias
-        arm = np.cross(_UP, pose.translation() - self.pivot)
-        by_heading = np.concatenate([R.T @ _UP, R.T @ arm])
+        arm = np.cross(UP, pose.translation() - self.pivot)
+        by_heading = np.concatenate([R.T @ UP, R.T @ arm])
         of_pose += self.heading * np.outer(by_heading, by_heading)
-        turned = np.cross(_UP, velocity)
+        turned = np.cross(UP, velocity)
         return of_pose, of_velocity + self.heading * np.outer(turned, turned), of_bias
 
 
@@ -95,7 +95,7 @@ def continued(
         + np.outer(unknown, unknown)
         + np.eye(3) * (0.5 * config.gap_acceleration * gap**2) ** 2
     )
-    up = attitude.T @ _UP
+    up = attitude.T @ UP
     heading_variance = float(up @ of_pose[:3, :3] @ up) + (config.gap_turn_rate * gap) ** 2
     return start.moved(gtsam.Pose3(rotation, translation)), GaugeUncertainty(
         position_covariance, heading_variance, position

@@ -25,12 +25,10 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Covariances, Innovation, Status
 from ruledgraph.core.timing import Messages
 from ruledgraph.integrity.contradictions import ImuCheck, LineCheck
-from ruledgraph.integrity.gauge import GaugeUncertainty
+from ruledgraph.integrity.gauge import UP, GaugeUncertainty
 from ruledgraph.integrity.parallel_lines import ParallelLines
 from ruledgraph.integrity.rest_slide import RestSlide
 from ruledgraph.integrity.variance_factor import VarianceFactor
-
-_UP = np.array([0.0, 0.0, 1.0])
 
 
 class _Inflation(NamedTuple):
@@ -65,7 +63,7 @@ class IntegrityMonitor:
         self._imu = ImuCheck(warnings, config.integrity)
         self._lines = LineCheck(warnings, config.integrity)
         self._variance = VarianceFactor(config.integrity, math.inf if on_trial else -math.inf)
-        # By all innovations: a start's, too, tell that noise is no larger than they are.
+        # By all innovations: a start's, too, show that noise is no larger than they are.
         self._of_innovations = VarianceFactor(config.integrity)
         # By the ratios of `bias_jump` where nothing jumped, which count as innovations.
         self._of_jumps = VarianceFactor(config.integrity)
@@ -183,7 +181,7 @@ class IntegrityMonitor:
     def _keep_error(self, node: StateNode) -> None:
         """Of position and heading, from while images and IMU or lines and estimate disagreed."""
         position, excess = _of_position(node), self._inflation.factor - 1.0
-        up = node.state.attitude().matrix().T @ _UP
+        up = node.state.attitude().matrix().T @ UP
         self._base_gauge = self._base_gauge.inflated(
             _enclosing(self._inflation.added, excess * position),
             excess * float(up @ node.covariances[0][:3, :3] @ up),

@@ -7,6 +7,7 @@ import numpy as np
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import IntegrityConfig
+from ruledgraph.integrity.gauge import UP
 
 
 class ParallelLines:
@@ -45,7 +46,9 @@ class ParallelLines:
             self._since = self._time
             of_pose, of_velocity, of_bias = (excess * c for c in window.newest.covariances)
             speed = float(self._along @ of_velocity @ self._along)
-            tilt = float(np.trace(of_pose[:3, :3])) / 2.0
+            up = window.newest.state.attitude().matrix().T @ UP
+            # About the two horizontal axes: heading turns no gravity.
+            tilt = 0.5 * float(np.trace(of_pose[:3, :3]) - up @ of_pose[:3, :3] @ up)
             gravity = float(np.linalg.norm(window.intervals[-1].gravity))
             force = float(np.linalg.eigvalsh(of_bias[:3, :3])[-1]) + gravity**2 * tilt
             self._initial_variances = (speed, force)

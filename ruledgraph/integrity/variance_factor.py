@@ -15,16 +15,16 @@ from ruledgraph.core.estimates import Innovation
 _SIGMAS = 3.0
 
 
-class _Told(NamedTuple):
-    """By an innovation, the one that ended where its prediction began, and so on."""
+class _InnovationSum(NamedTuple):
+    """Of an innovation, the one that ended where its prediction began, and so on."""
 
     time: float
     nis: float
     dof: float
 
-    def faded(self, time: float, memory: float) -> "_Told":
+    def faded(self, time: float, memory: float) -> "_InnovationSum":
         kept = math.exp((self.time - time) / memory)
-        return _Told(time, kept * self.nis, kept * self.dof)
+        return _InnovationSum(time, kept * self.nis, kept * self.dof)
 
     def most(self, prior: float, dof: int, confidence: float) -> float:
         """The largest sum of squares over so many degrees of freedom, with a confidence. Noise as
@@ -35,7 +35,7 @@ class _Told(NamedTuple):
         return dof * expected * float(fdtri(dof, known, confidence))
 
 
-_NOTHING = _Told(0.0, 0.0, 0.0)
+_EMPTY = _InnovationSum(0.0, 0.0, 0.0)
 
 
 class VarianceFactor:
@@ -53,7 +53,7 @@ class VarianceFactor:
 
     Innovations of states whose predictions began while another one's went on share its errors: the
     newest one counts, the one that ended when the newest one's prediction began, and so on, which
-    are independent, the older the less. Those predicted from states of a start on trial tell what
+    are independent, the older the less. Those predicted from states of a start on trial show what
     the start is worth, not what noise there is: they count while they are the newest.
 
     Source: Gelman et al., Bayesian Data Analysis (3rd edition, 2013), 3.2; Mikhail and Ackermann,
@@ -67,8 +67,8 @@ class VarianceFactor:
     def __init__(self, config: IntegrityConfig, counts_from: float = -math.inf) -> None:
         self._prior = config.variance_prior
         self._memory = config.variance_memory
-        self._told: deque[_Told] = deque()
-        self._newest = _NOTHING
+        self._sums: deque[_InnovationSum] = deque()
+        self._newest = _EMPTY
         self.counts_from = counts_from
         """Innovations whose predictions began before count while they are the newest, s."""
 
@@ -105,19 +105,21 @@ class VarianceFactor:
     def update(self, innovation: Innovation | None, time: float) -> None:
         """Take in the innovation of a state at a time, s."""
         if innovation is None:
-            last = self._told[-1] if self._told else _NOTHING
+            last = self._sums[-1] if self._sums else _EMPTY
             self._newest = last.faded(time, self._memory)
             return
         before = self._before(innovation, time)
-        self._newest = _Told(time, innovation.nis + before.nis, innovation.dof + before.dof)
+        self._newest = _InnovationSum(
+            time, innovation.nis + before.nis, innovation.dof + before.dof
+        )
         if innovation.since >= self.counts_from:
-            self._told.append(self._newest)
+            self._sums.append(self._newest)
 
-    def _before(self, innovation: Innovation, time: float) -> _Told:
-        """What was told before the prediction began of which this is, faded until a time, s."""
-        told = self._told
-        while len(told) > 1 and told[1].time <= innovation.since:
-            told.popleft()
-        if told and told[0].time <= innovation.since:
-            return told[0].faded(time, self._memory)
-        return _Told(time, 0.0, 0.0)
+    def _before(self, innovation: Innovation, time: float) -> _InnovationSum:
+        """The sum before the prediction began of which this is, faded until a time, s."""
+        sums = self._sums
+        while len(sums) > 1 and sums[1].time <= innovation.since:
+            sums.popleft()
+        if sums and sums[0].time <= innovation.since:
+            return sums[0].faded(time, self._memory)
+        return _InnovationSum(time, 0.0, 0.0)

@@ -12,7 +12,6 @@ import numpy as np
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import Interval
-from ruledgraph.calibration.sensors import ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import LinesConfig
 from ruledgraph.core.estimates import Covariances, Estimate, Status, blocks
@@ -39,7 +38,6 @@ class EstimateReporter:
         segment: its number.
         monitor: of its integrity.
         imu: samples that cover the window.
-        noise: of the IMU.
         middle_row_delay: how much later than its stamp a frame's time is, s.
             Estimates are of the stamp.
         lines: settings of their ends.
@@ -52,7 +50,6 @@ class EstimateReporter:
         segment: int,
         monitor: IntegrityMonitor,
         imu: ImuBuffer,
-        noise: ImuNoise,
         middle_row_delay: float,
         lines: LinesConfig,
         hold: bool,
@@ -61,7 +58,6 @@ class EstimateReporter:
         self._segment = segment
         self._monitor = monitor
         self._imu = imu
-        self._noise = noise
         self._middle_row_delay = middle_row_delay
         self._extent_outliers = lines.extent_outliers
         self._live_by_stamp: dict[int, Estimate] = {}
@@ -145,6 +141,8 @@ class EstimateReporter:
         if node.index == 0:
             first = self._at_stamp(node.state, node.bias, node.time)
             frames = [_FrameState(window.first_stamp, *first, node.covariance), *frames]
+        own = interval.stamps[0] if interval.repeats_frame else window.first_stamp
+        at_states = (own, interval.stamps[-1])
         for stamp, pose, velocity, covariance in frames:
             live = self._live_by_stamp.pop(stamp, None)
             estimate = Estimate(
@@ -155,7 +153,7 @@ class EstimateReporter:
                 covariances=self._monitor.covariances(blocks(covariance), pose, velocity),
                 lines=live.lines if live else 0,
                 status=live.status if live else otherwise,
-                at_state=stamp == interval.stamps[-1],
+                at_state=stamp in at_states,
                 segment=self._segment,
                 time_offset=live.time_offset if live else time_offset,
             )
@@ -174,13 +172,15 @@ class EstimateReporter:
                 )
 
     def _states(self, interval: Interval) -> list[_FrameState]:
-        """Of an interval's frames, without one that repeats the interval before."""
+        """Of an interval's frames, without one that the interval after repeats: it begins with the
+        state there, of which an unreliable IMU says little.
+        """
         node, motion = interval.node, interval.motion
         if interval.is_rest_despite_imu:
             covariances = np.tile(node.covariance, (len(motion), 1, 1))
             velocities = np.tile(node.state.velocity(), (len(motion), 1))
         else:
-            covariances = propagated_covariances(node, motion, self._imu, self._noise)
+            covariances = propagated_covariances(node, motion, self._imu, interval.noise)
             velocities = motion.velocities(node.state, node.bias, interval.gravity)
         states = zip(interval.stamps, interval.poses(), velocities, covariances, strict=True)
         found = [_FrameState(*state) for state in states]
@@ -190,7 +190,7 @@ class EstimateReporter:
                 self._moved_to_stamp(frame, node.bias, time)
                 for frame, time in zip(found, times.tolist(), strict=True)
             ]
-        return found[int(interval.repeats_frame) :]
+        return found[:-1] if interval.last_is_repeated else found
 
     def _moved_to_stamp(
         self, frame: _FrameState, bias: gtsam.imuBias.ConstantBias, time: float

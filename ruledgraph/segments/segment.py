@@ -61,7 +61,6 @@ class TrajectorySegment:
             number,
             self.monitor,
             imu,
-            noise,
             calibration.middle_row_delay,
             config.lines,
             hold=on_trial,
@@ -185,7 +184,7 @@ class TrajectorySegment:
         estimate = self._reporter.live(
             window, frame, self.state, covariances, status, lines, at_state, offset
         )
-        if not self.monitor.misfits:  # else it may be lost since then
+        if self.confirmed and not self.monitor.misfits:  # else it may be lost since then
             self.last_reliable = ReliableState(frame.time, pose, velocity, estimate.covariances)
         return estimate.status
 

@@ -89,7 +89,7 @@ class RerunLog(Closing):
         self._views = ViewQueue()
         self._last: dict[str, FloatArray] = {}
         self._status = ""
-        self._told = {"warnings": 0, "recoveries": 0}
+        self._logged = {"warnings": 0, "recoveries": 0}
 
     # -- what is logged ----------------------------------------------------------------------------
 
@@ -135,9 +135,9 @@ class RerunLog(Closing):
         window = odometry.window
         recoveries = [*odometry.recoveries, *(window.recoveries if window is not None else ())]
         for name, texts in (("warnings", odometry.warnings), ("recoveries", recoveries)):
-            for text in texts[self._told[name] :]:
+            for text in texts[self._logged[name] :]:
                 self._log("messages", rr.TextLog(text, level="WARN"))
-            self._told[name] = len(texts)
+            self._logged[name] = len(texts)
         if window is not None and window.newest.time != self._node:
             self._node = window.newest.time
             outliers = odometry.config.lines.extent_outliers

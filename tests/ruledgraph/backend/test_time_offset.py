@@ -167,6 +167,15 @@ def test_an_offset_is_told_when_it_stays():
     assert "frames are taken 20.0 ms after" in str(warnings)
 
 
+def test_a_start_that_is_not_confirmed_leaves_no_offset_behind():
+    sensors = SimpleNamespace(offset_correction=0.0)
+    clock = CameraClock(sensors, 0.0, ON.time_offset, Messages())
+    before = clock.offset
+    clock.update(TimeOffset(0.037, 1e-3), confirmed=False)
+    assert clock.offset == before
+    assert sensors.offset_correction == 0.0
+
+
 def test_it_counts_from_the_calibration():
     measurements, calibration = shifted(10, moving=False)
     known = dataclasses.replace(calibration, time_offset=-0.009)

@@ -117,3 +117,18 @@ def test_how_long_estimates_are_unsure():
         assert imu.in_long_hole((40 + missing - 2) * STEP) == unsure
         assert not imu.in_long_hole((40 + missing + 1) * STEP)
         assert imu.was_degraded((40 + missing + 10) * STEP) == unsure
+
+
+def test_a_message_about_the_range_comes_once():
+    imu = ImuBuffer()
+    swing = 4.0 * np.sin(np.arange(400) * 0.05)
+    messages = []
+    for i, rate in enumerate(np.clip(swing, -2.0, 2.0)):
+        imu.append(i * STEP, np.array([rate, 1e-4 * i, 0.0]), np.array([0.0, 0.0, 9.81]))
+        messages.append(imu.range_message)
+        # A sample that came twice says nothing new.
+        imu.append(i * STEP, np.array([rate, 1e-4 * i, 0.0]), np.array([0.0, 0.0, 9.81]))
+        messages.append(imu.range_message)
+    said = [message for message in messages if message]
+    assert said
+    assert len(said) == len(set(said))

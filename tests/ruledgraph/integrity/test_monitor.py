@@ -16,6 +16,7 @@ from ruledgraph.core.estimates import Innovation
 from ruledgraph.core.timing import Messages
 from ruledgraph.integrity.gauge import GaugeUncertainty
 from ruledgraph.integrity.monitor import IntegrityMonitor
+from ruledgraph.integrity.parallel_lines import ParallelLines
 
 
 def shown(window: Window, monitor: IntegrityMonitor) -> np.ndarray:
@@ -108,6 +109,24 @@ def test_along_parallel_lines_a_wrong_velocity_adds_up(elapsed):
         monitor.update(window, False)
     sigma = np.sqrt(np.linalg.eigvalsh(shown(window, monitor))[-1])
     assert sigma == pytest.approx(0.2 * elapsed, rel=1e-3)
+
+
+@pytest.mark.parametrize(("axis", "drifts"), [("heading", False), ("tilt", True)])
+def test_along_parallel_lines_a_tilt_adds_up_and_a_heading_does_not(axis, drifts):
+    """A tilt of 0.02 rad feels like 0.2 m/s^2 of gravity, in 3 s 0.6 m."""
+    window, _, _ = monitored_window(segments=nearly_parallel(0.0))
+    node = window.newest
+    R = node.state.attitude().matrix()
+    about = R.T @ np.array([0.0, 0.0, 1.0] if axis == "heading" else [1.0, 0.0, 0.0])
+    node.covariance = 1e-12 * np.eye(15)
+    node.covariance[:3, :3] += 0.02**2 * np.outer(about, about)
+    parallel = ParallelLines(Config().integrity)
+    parallel.update(window, 1.0)
+    node.time += 3.0
+    parallel.update(window, 1.0)
+    sigma = np.sqrt(np.linalg.eigvalsh(parallel.covariance())[-1])
+    assert (sigma > 0.3) == drifts
+    assert drifts or sigma < 1e-3
 
 
 def test_parallel_lines_leave_the_motion_along_them_open():
