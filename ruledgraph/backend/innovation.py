@@ -40,7 +40,8 @@ class Predictions:
     """Of the newest state, from the states up to so long before it.
 
     Over that time the IMU's slow errors show (bias, scale), of which from one state to the next
-    there is nothing to be seen beside the noise of edges.
+    there is nothing to be seen beside the noise of edges. Scale errors, for which the graph lets
+    the biases walk further, are not in the noise here, so that they do show.
 
     Args:
         longest: of the time that the IMU carries one, s.
@@ -63,12 +64,12 @@ class Predictions:
         self._predictions.clear()
         self._begin = time + self._longest
 
-    def carry_on(self, interval: Interval, time: float, imu: ImuBuffer) -> None:
+    def carry_on(self, interval: Interval, time: float, imu: ImuBuffer, noise: ImuNoise) -> None:
         """To a new state, at a time (s), at the end of an interval."""
         self._predictions = [p for p in self._predictions if time - p.since <= self._longest]
         motion = interval.motion.select([-1])
         for prediction in self._predictions:
-            prediction.carry_on(motion, time, imu, interval.noise)
+            prediction.carry_on(motion, time, imu, noise)
 
     def innovation(self, found: StateNode) -> Innovation | None:
         """Of the newest state against its oldest prediction; None where there is none, or where a

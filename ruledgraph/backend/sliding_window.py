@@ -172,7 +172,7 @@ class Window:
         self.innovation = None
         if before.time == self.solved:
             self._predictions.begin_at(before)
-        self._predictions.carry_on(interval, new.time, imu)
+        self._predictions.carry_on(interval, new.time, imu, self._imu_noise)
         self._states.append(interval, new)
         self._update.insert(new)
         for factor in rest_factors(self.intervals, new.time, self._config.rest):
