@@ -36,8 +36,8 @@ def export_command(
         beside = out.with_name(f"{stem}.calib.yaml")
         if not force and beside.exists():
             raise RecordingError(f"{beside} exists already; remove it or choose another name")
-    if force and out.resolve() != recording.resolve():
-        make_way(out, *([beside] if beside is not None else []))
+    if force:
+        make_way(out, *([beside] if beside is not None else []), inputs=[recording])
     fits = calibration is not None and (
         kind == "asl" or calibration.camera.distortion not in WIDE_ANGLE
     )

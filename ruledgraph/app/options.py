@@ -3,7 +3,7 @@
 """Options that several commands share."""
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -12,7 +12,8 @@ import click
 from ruledgraph.core.errors import RuledgraphError
 
 # What tells a folder that a command wrote: results, a ROS 2 bag, an ASL folder.
-_MARKS = ("trajectory_live.tum", "*.db3", "mav0")
+_OF_RESULTS = "trajectory_live.tum"
+_MARKS = (_OF_RESULTS, "*.db3", "mav0")
 
 LONGEST_READOUT = 1.0
 """s; above any frame interval in use, so that milliseconds are noticed."""
@@ -122,14 +123,40 @@ def force_option(command: _Command) -> _Command:
     )(command)
 
 
-def make_way(*paths: Path) -> None:
+def make_way(*paths: Path, inputs: Iterable[Path] = ()) -> None:
     """Remove files, and folders that hold a recording or a run's results, for new ones.
 
     Raises:
-        RuledgraphError: for a folder of anything else, and what cannot be removed.
+        RuledgraphError: for a folder of anything else, what holds one of the `inputs` or is one,
+            and what cannot be removed.
     """
+    _spare(inputs, paths)
     for path in paths:
         _remove(path)
+
+
+def make_way_for_results(folder: Path, inputs: Iterable[Path]) -> None:
+    """Remove a folder of earlier results.
+
+    Raises:
+        RuledgraphError: for anything else, what holds one of the `inputs`, and what cannot be
+            removed.
+    """
+    _spare(inputs, [folder])
+    is_free = not folder.exists() or (folder.is_dir() and not any(folder.iterdir()))
+    if not (is_free or (folder / _OF_RESULTS).exists()):
+        raise RuledgraphError(f"{folder}: is no folder of results; --force leaves it alone")
+    _remove(folder)
+
+
+def _spare(inputs: Iterable[Path], paths: Sequence[Path]) -> None:
+    for given in inputs:
+        for path in paths:
+            removed = path.resolve()
+            if removed == given.resolve() or removed in given.resolve().parents:
+                raise RuledgraphError(
+                    f"{path}: {given} is read from there; name another place for what is written"
+                )
 
 
 def _remove(path: Path) -> None:

@@ -26,7 +26,7 @@ from rich.progress import (
 
 from ruledgraph.app.batch.jobs import filled
 from ruledgraph.app.calibration_choice import calibration_for
-from ruledgraph.app.options import make_way
+from ruledgraph.app.options import make_way, make_way_for_results
 from ruledgraph.app.results import default_folder
 from ruledgraph.app.run_summary import summary_text
 from ruledgraph.app.runner import NO_ESTIMATE, Record, Solver, Watch, run
@@ -100,7 +100,11 @@ def smooth_command(
     truth = read_ground_truth(ground_truth, source) if ground_truth else None
     output = output or default_folder(recording)
     if force:
-        make_way(*(path for path in (output, ros2_bag) if path is not None))
+        files = (recording, *calibration_files, ground_truth, config_file)
+        inputs = [Path(file) for file in files if file is not None]
+        if ros2_bag is not None and ros2_bag.suffix == ".mcap":
+            make_way(ros2_bag, inputs=inputs)
+        make_way_for_results(output, inputs)
     pictures = None
     if plots:
         from ruledgraph.visualization.plots import PlotRecorder

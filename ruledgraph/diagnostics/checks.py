@@ -75,7 +75,7 @@ class Observations:
     def times(self, stamps: "array[int]") -> FloatArray:
         """Stamps as s since the recording's first measurement."""
         firsts = [s[0] for s in (self.frame_stamps, self.imu_stamps) if len(s)]
-        return np.asarray((np.array(stamps, dtype=np.int64) - min(firsts)) * 1e-9)
+        return np.asarray((np.array(stamps, dtype=np.int64) - min(firsts, default=0)) * 1e-9)
 
     def liveliest(self, start: float, length: float = 5.0) -> float:
         """Where to begin reading, s, to see the turning: before the most of it, `start` before all.

@@ -125,6 +125,6 @@ class ClockSearch:
         self._checked = check is not None
         if check is not None and check.wrong:
             self._warnings.append(check.text)
-            if self.config.extrinsics.from_images:
+            if self.config.extrinsics.from_images and not check.is_mirrored:
                 self._mounting.turn(check.other_body_R_cam)
                 self.restart()

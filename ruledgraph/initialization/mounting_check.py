@@ -32,15 +32,29 @@ class MountingCheck(NamedTuple):
     """The same of the best of the other mountings, px ..."""
     other_body_R_cam: FloatArray
     """... and that one, (3, 3)."""
+    mirrored: float
+    """The same of the best mounting of an IMU that turns the other way, whose axes are left-handed,
+    px."""
 
     @property
     def wrong(self) -> bool:
         """Whether another one explains the points far better."""
-        return self.other < _BETTER * self.error
+        return self.other < _BETTER * self.error or self.is_mirrored
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether an IMU that turns the other way explains the points far better than any other."""
+        return self.mirrored < _BETTER * min(self.error, self.other)
 
     @property
     def text(self) -> str:
-        """What to say then."""
+        """What to say of either."""
+        if self.is_mirrored:
+            return (
+                f"points miss the gyroscope's turning by {self.error:.2g} px, and by "
+                f"{self.mirrored:.2g} px if it turned the other way: are its axes right-handed, as "
+                "x forward, y left, z up, and its rates counter-clockwise?"
+            )
         return (
             f"points miss the gyroscope's turning by {self.error:.2g} px, and by {self.other:.2g} "
             f"px with the rotation {self._rows} in T_cam_imu: is that the right way round, and of "
@@ -74,7 +88,7 @@ def check_mounting(
     if found is not None:
         offset = found.value
 
-    def error(mounting: FloatArray) -> float:
+    def error(mounting: FloatArray, samples: ImuSamples = samples) -> float:
         body_T_cam = gtsam.Pose3(gtsam.Rot3(mounting), calibration.body_T_cam.translation())
         other = dataclasses.replace(calibration, body_T_cam=body_T_cam)
         fit = RotationFit(pairs, samples, other, bias_sigma)
@@ -84,7 +98,10 @@ def check_mounting(
     others = list(_others(calibrated))
     errors = [error(mounting) for mounting in others]
     best = int(np.argmin(errors))
-    return MountingCheck(error(calibrated), errors[best], others[best])
+    # Rates in left-handed axes are those of a rotation the other way, in some right-handed ones.
+    reversed_ = ImuSamples(samples.times, -samples.gyroscope, samples.accelerometer)
+    mirrored = min(error(mounting, reversed_) for mounting in (calibrated, *others))
+    return MountingCheck(error(calibrated), errors[best], others[best], mirrored)
 
 
 def _others(calibrated: FloatArray) -> Iterator[FloatArray]:

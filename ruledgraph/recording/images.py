@@ -25,6 +25,8 @@ Grey = NDArray[np.uint8]
 _Pixels = NDArray[Any]
 
 _MOST_PIXELS = 2**25
+# Bits of a pixel that sensors have, in images of 16 bits.
+_DEPTHS = (8, 10, 12, 14, 16)
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8\xff"
 
@@ -144,7 +146,7 @@ def _decode_raw(image: Any) -> Grey:
     )
     pixels = np.ascontiguousarray(rows)
     if bits == 16:
-        pixels = pixels[:, 0 if image.is_bigendian else 1 :: 2]
+        pixels = _of_8_bits(pixels.view(">u2" if image.is_bigendian else "<u2"))
     if channels > 1:
         pixels = pixels.reshape(image.height, image.width, channels)
     try:
@@ -152,6 +154,13 @@ def _decode_raw(image: Any) -> Grey:
     except cv2.error:
         raise UnreadableMessageError("it is too small for its encoding") from None
     return np.ascontiguousarray(grey, dtype=np.uint8)
+
+
+def _of_8_bits(pixels: _Pixels) -> Grey:
+    """The upper 8 bits of those that a camera of 10, 12 or 14 bits uses of 16."""
+    brightest = int(pixels.max(initial=0))
+    used = next(bits for bits in _DEPTHS if brightest < 2**bits)
+    return (pixels >> (used - 8)).astype(np.uint8)
 
 
 def decode_file(data: bytes) -> Grey:
@@ -179,7 +188,7 @@ def decode_file(data: bytes) -> Grey:
     if pixels is None or pixels.shape[:2] != (height, width):
         raise UnreadableMessageError("a compressed image cannot be decoded")
     if pixels.dtype == np.uint16:
-        pixels = (pixels >> 8).astype(np.uint8)
+        pixels = _of_8_bits(pixels)
     if pixels.ndim == 3:
         code = cv2.COLOR_BGRA2GRAY if pixels.shape[2] == 4 else cv2.COLOR_BGR2GRAY
         pixels = cv2.cvtColor(pixels, code)

@@ -79,6 +79,9 @@ def test_the_calibration_of_a_folder_is_kept(tmp_path, out):
     assert refused.exit_code == 2
     assert "another.calib.yaml exists already" in refused.output
     assert export(tmp_path / "in", tmp_path / "another.bag", "--force").exit_code == 0
+    own = export(tmp_path / "another.bag", tmp_path / "another.bag", "--force")
+    assert own.exit_code == 2
+    assert "another.bag is read from there" in own.output
 
 
 @pytest.mark.parametrize("out", [*KINDS, "euroc"])

@@ -7,6 +7,7 @@ import itertools
 import json
 import os
 import re
+import shutil
 import signal
 import threading
 from pathlib import Path
@@ -126,6 +127,36 @@ def test_results_are_never_overwritten(recording, tmp_path):
         in result.output
     )
     assert (tmp_path / "kept.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("output", ["small.bag", "calib.yaml", ".", "another.bag", "bag"])
+def test_force_removes_nothing_but_results(recording, tmp_path, output):
+    """Neither what is read nor another recording."""
+    folder = tmp_path / "room"
+    shutil.copytree(recording, folder)
+    shutil.copy(folder / "small.bag", folder / "another.bag")
+    (folder / "bag").mkdir()
+    (folder / "bag" / "bag_0.db3").touch()
+    before = sorted(path for path in folder.rglob("*"))
+    given = (folder / "small.bag", "--calibration", folder / "calib.yaml")
+    result = smooth(*given, "--output", folder / output, "--force")
+    assert result.exit_code == 2
+    expected = (
+        "is read from there" if output in ("small.bag", "calib.yaml", ".") else "no folder of"
+    )
+    assert expected in result.output
+    assert sorted(path for path in folder.rglob("*")) == before
+    assert (folder / "small.bag").stat().st_size == (recording / "small.bag").stat().st_size
+
+
+def test_force_spares_a_recording_that_a_bag_is_written_over(recording, tmp_path):
+    bag = tmp_path / "small.bag"
+    shutil.copy(recording / "small.bag", bag)
+    given = (bag, "--calibration", recording / "calib.yaml", "--output", tmp_path / "run")
+    result = smooth(*given, "--ros2-bag", bag, "--force")
+    assert result.exit_code == 2
+    assert "the ROS 2 bag is an MCAP file, name it *.mcap" in result.output
+    assert bag.stat().st_size == (recording / "small.bag").stat().st_size
 
 
 def test_results_are_overwritten_by_force_alone(recording, tmp_path):

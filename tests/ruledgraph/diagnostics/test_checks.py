@@ -257,6 +257,18 @@ def test_images_turn_as_the_gyroscope_says():
     assert turning(still, calibration) == []
 
 
+def test_images_that_turn_otherwise_than_the_gyroscope_says_are_found():
+    """Here it is in deg/s."""
+    stream, calibration = small_stream(moving=True)
+    in_degrees = [
+        m._replace(gyroscope=np.degrees(m.gyroscope)) if isinstance(m, ImuSample) else m
+        for m in stream
+    ]
+    finding = turning(in_degrees, calibration)[0]
+    assert not finding.good
+    assert " px" in finding.text
+
+
 @pytest.mark.parametrize("axis", range(3))
 def test_a_mounting_the_wrong_way_round_is_found(axis):
     stream, calibration = small_stream(moving=True)

@@ -22,9 +22,11 @@ from recordings import (
     texture,
     write_bag,
 )
+from ruledgraph.calibration import write_kalibr
 from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.diagnostics.info import inspect_recording
 from ruledgraph.recording import Kind, open_recording, write_recording
+from small_simulation import small_stream
 
 REAL_BAG = Path(__file__).parents[4] / "shared/data/euroc_MH_01_30s/MH_01_30s.bag"
 needs_real_bag = pytest.mark.skipif(
@@ -97,6 +99,16 @@ def test_info_without_camera_or_imu(kept: type, missing: str, tmp_path: Path) ->
     found = inspect_recording(path)
     assert (found.camera is None) == (kept is ImuSample)
     assert (found.imu is None) == (kept is Frame)
+
+
+def test_info_of_a_stretch_without_frames(tmp_path: Path) -> None:
+    stream, calibration = small_stream(duration=1.0)
+    write_recording(stream, tmp_path / "a.bag", "rosbag1")
+    write_kalibr(calibration, tmp_path / "calib.yaml")
+    given = "--calibration", tmp_path / "calib.yaml", "--start", 100
+    result = run("info", tmp_path / "a.bag", *given)
+    assert "Traceback" not in result.stderr
+    assert result.returncode in (0, 2)
 
 
 def test_info_says_what_is_wrong(tmp_path: Path) -> None:

@@ -131,6 +131,18 @@ def test_a_mounting_the_wrong_way_round_is_seen():
         assert check.wrong == is_wrong
 
 
+@pytest.mark.parametrize("axes", [[-1.0, 1.0, 1.0], [-1.0, -1.0, -1.0]], ids=["one", "all"])
+def test_an_imu_with_left_handed_axes_is_seen(axes):
+    """Rates of axes of which one is reversed, and of a gyroscope of the other sign."""
+    pairs, samples = shaken(3, -0.03, size=1.0)
+    reversed_ = ImuSamples(samples.times, samples.gyroscope * axes, samples.accelerometer)
+    known = covered(pairs, reversed_, 0.0)
+    check = check_mounting(known, reversed_, D435I, BIAS_SIGMA)
+    assert check.wrong
+    assert check.is_mirrored
+    assert "right-handed" in check.text
+
+
 def test_too_few_images_tell_nothing():
     finder = ClockOffsetFinder(D435I, BIAS_SIGMA)
     _, samples = shaken(0, 0.0)

@@ -89,6 +89,19 @@ def test_the_high_byte_of_sixteen_bits(encoding: str, big_endian: bool) -> None:
     np.testing.assert_array_equal(decode(entry, "cdr"), GREY)
 
 
+@pytest.mark.parametrize("big_endian", [False, True])
+@pytest.mark.parametrize("bits", [8, 10, 12, 14])
+def test_the_bits_in_use_of_sixteen(bits: int, big_endian: bool) -> None:
+    """Of a machine vision or thermal camera."""
+    deep = (GREY.astype(np.uint16) << (bits - 8)) + texture(6) % 2 ** (bits - 8)
+    deep[0, 0] = 2**bits - 1
+    step, data = padded(deep.astype(">u2" if big_endian else "<u2"), 4)
+    entry = raw_image(T0, "mono16", WIDTH, HEIGHT, step, data, big_endian)
+    expected = GREY.copy()
+    expected[0, 0] = 255
+    np.testing.assert_array_equal(decode(entry, "cdr"), expected)
+
+
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("pattern", BAYER)
 def test_bayer_of_one_colour(pattern: str, bits: int) -> None:

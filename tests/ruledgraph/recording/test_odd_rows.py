@@ -3,6 +3,7 @@
 """What recorders write that no reader expects: it is used where it can be, and reported."""
 
 import sqlite3
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from recordings import BAGS, assert_same, entries_of, imu, sequence, write_bag
 from ruledgraph.diagnostics.info import inspect_recording
 from ruledgraph.recording import open_recording
+from ruledgraph.recording.formats import open_container
 
 
 def database_of(bag: Path) -> Path:
@@ -37,6 +39,15 @@ def altered(tmp_path: Path, *statements: str) -> Path:
             database.execute(statement)
         database.commit()
     return bag
+
+
+def test_a_reader_may_be_closed_in_another_thread(tmp_path):
+    """As by the collector of garbage after an error."""
+    container = open_container(write_bag(tmp_path / "a", "sqlite3", entries_of(sequence())))
+    messages = container.messages([topic.name for topic in container.topics])
+    next(messages)
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(messages.close).result()
 
 
 @pytest.mark.parametrize(
