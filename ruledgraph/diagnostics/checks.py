@@ -19,6 +19,7 @@ from ruledgraph.imu.rest import imu_rests
 _GRAVITY = 9.81
 # Hz; below these the motion between two measurements is guessed.
 _LEAST_RATES = {"camera": 10.0, "IMU": 100.0}
+_NEARLY = 0.98
 # Fewer measurements are not judged.
 _ENOUGH = {"camera": 20, "IMU": 200}
 # A step this much longer than the usual one is a loss; more losses than this share are too many.
@@ -119,7 +120,7 @@ def _timing(name: str, times: FloatArray) -> Iterator[Finding]:
     steps = np.diff(times)
     usual = float(np.median(steps))
     rate = 1.0 / usual
-    if rate < _LEAST_RATES[name]:
+    if rate < _NEARLY * _LEAST_RATES[name]:
         least = f"{_LEAST_RATES[name]:.0f} Hz"
         yield Finding(False, f"the {name} runs at {rate:.3g} Hz; record at {least} at the least")
     kept = steps[steps < _LOSS * usual]

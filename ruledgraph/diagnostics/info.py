@@ -24,6 +24,7 @@ from ruledgraph.diagnostics.checks import (
     examine_camera_info,
 )
 from ruledgraph.diagnostics.extrinsics_check import examine_turning
+from ruledgraph.diagnostics.image_check import examine_image
 from ruledgraph.diagnostics.readout_check import examine_readout
 from ruledgraph.diagnostics.timing_plot import draw_timing
 from ruledgraph.recording.container import Container, RawMessage, Topic
@@ -187,6 +188,8 @@ def inspect_recording(
     info.warnings = report.warnings
     info.bytes_lost = report.bytes_lost
     info.findings = list(examine(seen, calibration.imu_noise if calibration else None))
+    if images.latest is not None:
+        info.findings += examine_image(images.latest)
     if calibration is None and container.camera_infos:
         found, own = _own_calibration(Recording(open_container(path), camera, imu), imu_noise)
         info.findings.append(found)

@@ -17,7 +17,6 @@ from ruledgraph.calibration import write_kalibr
 from ruledgraph.calibration.sensors import D435I_LIKE, CameraModel, ImuNoise
 from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.diagnostics.checks import Observations, examine, examine_calibration, rests
-from ruledgraph.diagnostics.extrinsics_check import examine_turning
 from ruledgraph.diagnostics.info import inspect_recording
 from ruledgraph.diagnostics.readout_check import examine_readout
 from ruledgraph.recording import write_recording
@@ -241,57 +240,6 @@ def test_the_camera_info_of_an_uncalibrated_camera_is_passed_over(tmp_path):
     found = inspect_recording(path, calibrate=lambda *_: SMALL)
     assert "/cam0/camera_info" in [topic.name for topic in found.topics]
     assert not [finding for finding in found.findings if "camera_info" in finding.text]
-
-
-def turning(stream, calibration):
-    return list(examine_turning(stream[: len(stream) // 2], calibration))
-
-
-def test_images_turn_as_the_gyroscope_says():
-    stream, calibration = small_stream(moving=True)
-    (finding,) = turning(stream, calibration)
-    assert finding.good, finding
-    still = [
-        m._replace(gyroscope=0.0 * m.gyroscope) if isinstance(m, ImuSample) else m for m in stream
-    ]
-    assert turning(still, calibration) == []
-
-
-def test_images_that_turn_otherwise_than_the_gyroscope_says_are_found():
-    """Here it is in deg/s."""
-    stream, calibration = small_stream(moving=True)
-    in_degrees = [
-        m._replace(gyroscope=np.degrees(m.gyroscope)) if isinstance(m, ImuSample) else m
-        for m in stream
-    ]
-    finding = turning(in_degrees, calibration)[0]
-    assert not finding.good
-    assert " px" in finding.text
-
-
-@pytest.mark.parametrize("axis", range(3))
-def test_a_mounting_the_wrong_way_round_is_found(axis):
-    stream, calibration = small_stream(moving=True)
-    pose = calibration.body_T_cam
-    turn = gtsam.Rot3.Expmap(0.5 * np.pi * np.eye(3)[axis])
-    wrong = gtsam.Pose3(pose.rotation() * turn, pose.translation())
-    (finding,) = turning(stream, dataclasses.replace(calibration, body_T_cam=wrong))
-    assert not finding.good
-    right = pose.rotation().matrix().T.round(4).tolist()
-    assert f"with the rotation {right} in T_cam_imu: is that the right way round" in finding.text
-
-
-@pytest.mark.parametrize("offset", [-0.08, 0.08])
-def test_a_wrong_time_offset_is_found(offset):
-    stream, calibration = small_stream(moving=True)
-    late = dataclasses.replace(calibration, time_offset=offset)
-    good, bad_one = examine_turning(stream, late)
-    assert good.good
-    assert not bad_one.good
-    said = f"the calibration says {1e3 * offset:.0f} ms; write timeshift_cam_imu: "
-    before, found = bad_one.text.split(said)
-    assert "standard deviation" in before
-    assert abs(float(found)) < 0.003  # the rendered recording's is zero
 
 
 def info(*arguments: object) -> tuple[int, str]:
