@@ -79,7 +79,7 @@ class WindowConfig(Section):
     lag: float = number(4.0, "s", 0.04, 60.0)
     """Length of the window; what leaves it is linearized for good. The longer, the more accurate
     and the slower: in random parts of recordings 4 s leave 0.9 (live) and 0.8 (smoothed) of the
-    error of 2.5 s, in 1.15 times the time. The paper's is 1.55 s (140 frames at 90 fps)."""
+    error of 2.5 s, in 1.3 times the time. The paper's is 1.55 s (140 frames at 90 fps)."""
     updates: int = number(1, "", 0, 20)
     """Further iSAM2 updates at most, at states that are not where the IMU predicted them."""
     step_position: float = number(0.003, "m", 0.0, 10.0)
