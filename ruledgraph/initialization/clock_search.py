@@ -80,9 +80,9 @@ class ClockSearch:
 
     def doubts(self, offset: float) -> bool:
         """Whether an offset that a start has found, s, contradicts what is known, while images may
-        show it: those of as long as a window.
+        show it: those of as long as the longest first window.
         """
-        if self._finder is None or self._latest - self._begun >= self.config.window.lag:
+        if self._finder is None or self._latest - self._begun >= self.config.start.longest:
             return False
         return abs(offset - self._known) > _SIGNIFICANT * self.config.time_offset.sigma
 

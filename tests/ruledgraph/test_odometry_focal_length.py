@@ -62,7 +62,8 @@ def test_a_new_segment_goes_on_with_what_was_found(monkeypatch):
 
     monkeypatch.setattr(Window, "__init__", spy)
     camera = calibration.camera.with_focal_ratio(0.97)
-    odometry = Odometry(dataclasses.replace(calibration, camera=camera))
+    short = load_config(None, ["window.lag=2.5"])
+    odometry = Odometry(dataclasses.replace(calibration, camera=camera), short)
     for measurement in cut:
         odometry.add(measurement)
     assert known[0] == (1.0, 0.01)

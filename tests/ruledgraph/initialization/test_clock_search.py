@@ -68,7 +68,7 @@ def test_an_offset_far_from_what_is_known_is_doubted_while_images_may_show_it(mo
     search.search(imu, TimeOffset(0.02, 0.0), False)
     assert not search.doubts(0.02 + 0.99 * three_sigma)
     assert search.doubts(0.02 + 1.01 * three_sigma)
-    # Until images of as long as a window have not shown it, or they have.
+    # Until images of as long as a first window have not shown it, or they have.
     image = np.zeros((2, 2), np.uint8)
     for time, doubted in ((1.0, True), (3.4, True), (3.6, False)):
         search.add_image(time, image)

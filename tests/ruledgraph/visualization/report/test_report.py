@@ -88,7 +88,7 @@ def test_a_page_of_one_run(finished, tmp_path):
     row = f"smoother {times['count']} {times['mean_ms']:.1f} {times['p99_ms']:.1f}"
     assert f"{row} {times['max_ms']:.1f}" in found.text
     assert "recording small.bag" in found.text
-    assert "lag 1.4 (default 2.5)" in found.text
+    assert "lag 1.4 (default 4.0)" in found.text
     assert found.text.count("(default") == 1
     assert "Comparison" not in found.text
 
