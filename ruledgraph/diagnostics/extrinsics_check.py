@@ -19,8 +19,6 @@ from ruledgraph.initialization.mounting_check import check_mounting
 from ruledgraph_factors import ImuSamples
 
 _MOST_PAIRS = 80
-# px; good calibrations leave 0.12 to 0.15, those of another lens or of other axes 0.4 or more.
-_USUAL_ERROR = 0.3
 # An offset is told when it is significant, standard deviations, and large enough to matter, s.
 _SIGNIFICANT, _LARGE = 3.0, 0.005
 
@@ -60,10 +58,10 @@ def examine_turning(
         yield Finding(False, mounting.text)
         return
     text = f"the images turn as the gyroscope says, to {mounting.error:.2g} px"
-    if mounting.error > _USUAL_ERROR:
+    if not mounting.is_usual:
         usual = "where 0.1 to 0.15 are usual"
         text += f", {usual}: check T_cam_imu, the intrinsics, and the unit and axes of the IMU"
-    yield Finding(mounting.error <= _USUAL_ERROR, text)
+    yield Finding(mounting.is_usual, text)
     yield from compare_readout(pairs, samples, calibration, bias_sigma)
     found = fit_offset(pairs, samples, calibration, bias_sigma)
     if found is None:

@@ -21,6 +21,8 @@ from ruledgraph_factors import ImuSamples
 _FEWEST_PAIRS = 20
 # The error of another mounting must be this much smaller for a warning.
 _BETTER = 0.7
+# px; good calibrations leave 0.10 to 0.15, those of another lens or of other axes 0.4 or more.
+_USUAL_ERROR = 0.3
 
 
 class MountingCheck(NamedTuple):
@@ -34,7 +36,12 @@ class MountingCheck(NamedTuple):
     """... and that one, (3, 3)."""
     mirrored: float
     """The same of the best mounting of an IMU that turns the other way, whose axes are left-handed,
-    px."""
+    px; infinite where the error is usual."""
+
+    @property
+    def is_usual(self) -> bool:
+        """Whether the error is one of a good calibration."""
+        return self.error <= _USUAL_ERROR
 
     @property
     def wrong(self) -> bool:
@@ -98,10 +105,13 @@ def check_mounting(
     others = list(_others(calibrated))
     errors = [error(mounting) for mounting in others]
     best = int(np.argmin(errors))
+    check = MountingCheck(error(calibrated), errors[best], others[best], np.inf)
+    if check.is_usual:
+        return check
     # Rates in left-handed axes are those of a rotation the other way, in some right-handed ones.
     reversed_ = ImuSamples(samples.times, -samples.gyroscope, samples.accelerometer)
     mirrored = min(error(mounting, reversed_) for mounting in (calibrated, *others))
-    return MountingCheck(error(calibrated), errors[best], others[best], mirrored)
+    return check._replace(mirrored=mirrored)
 
 
 def _others(calibrated: FloatArray) -> Iterator[FloatArray]:

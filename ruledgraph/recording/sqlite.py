@@ -81,8 +81,7 @@ class SqliteFile:
     def messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
         """See `Container`; by the order of reception, in a damaged file by that of writing."""
         wanted = [i for i, topic in self._topics.items() if topic.name in topics]
-        # The collector of garbage may close it in another thread than the one that reads.
-        with closing(self._connect(any_thread=True)) as database:
+        with closing(self._connect()) as database:
             rows = self._rows(database, wanted)
             for number, received, data in self._whole(rows) if self._truncated else rows:
                 yield RawMessage(received, self._topics[number].name, data)
@@ -127,13 +126,14 @@ class SqliteFile:
             lost = max(0, self.path.stat().st_size - delivered)
             self.damage[f"{self.path.name} is damaged: {_line(error)}; what follows is lost"] = lost
 
-    def _connect(self, any_thread: bool = False) -> sqlite3.Connection:
+    def _connect(self) -> sqlite3.Connection:
         # Immutable: no lock, no journal, also in a folder that cannot be written. What a killed
         # recording left in its write-ahead log is only seen without it.
         log = self.path.with_name(self.path.name + "-wal")
         mode = "mode=ro" if log.exists() else "immutable=1"
+        # The collector of garbage may close it in another thread than the one that reads.
         database = sqlite3.connect(
-            f"file:{quote(str(self.path))}?{mode}", uri=True, check_same_thread=not any_thread
+            f"file:{quote(str(self.path))}?{mode}", uri=True, check_same_thread=False
         )
         database.text_factory = bytes  # a message may be stored as text
         if self._truncated:
