@@ -88,7 +88,7 @@ class Ros2Output(Closing):
             self._send("/lines", _MARKERS, self._last, markers=markers)
 
     def close(self) -> None:
-        """Write the path and give the file its name.
+        """Write the path and give the file its name; without any estimate there is none.
 
         Raises:
             MachineError: when not all could be written; the file then lacks its end.
@@ -101,7 +101,8 @@ class Ros2Output(Closing):
         except OSError as error:
             raise (machine_error(error, self.path) or error) from None
         finally:
-            (self._bag / f"{self._bag.name}.mcap").rename(self.path)
+            if self._last:
+                (self._bag / f"{self._bag.name}.mcap").rename(self.path)
             self._folder.cleanup()
 
     def _write_pose(self, estimate: Estimate) -> None:

@@ -46,10 +46,11 @@ _PROGRESS_INTERVAL = 5.0
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _NOTHING_ESTIMATED, _BY_SIGNAL = 3, 128
 """Exit codes; to the second the number of the signal is added."""
-_OFF = {
-    NO_ESTIMATE: "before a start, or when a start was taken back",
-    "dead reckoning": "the IMU alone carried them",
-    "degraded": "images and IMU disagree, or the velocity is not known well enough",
+_STATUS_MEANINGS = {
+    NO_ESTIMATE: "before a start, of a start that was discarded, or between two segments",
+    "dead reckoning": "too few lines, or all of them parallel: carried by the IMU",
+    "degraded": "the IMU is unreliable, images and IMU or lines and estimate disagree, or position "
+    "or velocity are too uncertain",
 }
 
 
@@ -99,12 +100,10 @@ def smooth_command(
         ground_truth = filled(ground_truth, str(recording))
     truth = read_ground_truth(ground_truth, source) if ground_truth else None
     output = output or default_folder(recording)
+    files = (recording, *calibration_files, ground_truth, config_file)
+    inputs = [Path(file) for file in files if file is not None]
     if force:
-        files = (recording, *calibration_files, ground_truth, config_file)
-        inputs = [Path(file) for file in files if file is not None]
-        if ros2_bag is not None and ros2_bag.suffix == ".mcap":
-            make_way(ros2_bag, inputs=inputs)
-        make_way_for_results(output, inputs)
+        make_way(*_replaced(video, rerun, ros2_bag), inputs=inputs)
     pictures = None
     if plots:
         from ruledgraph.visualization.plots import PlotRecorder
@@ -136,6 +135,8 @@ def smooth_command(
         film or nullcontext(),
         bag or nullcontext(),
     ):
+        if force:  # not before all else has proved possible
+            make_way_for_results(output, inputs)
         summary = run(
             _of_its_size(source.stream(), calibration, calibration_files),
             calibration,
@@ -162,13 +163,19 @@ def smooth_command(
     _tell(summary, output, verbose, logged if logged is not None and logged.exists() else None)
     if video is not None and video.exists():
         click.echo(f"video: {video}", err=True)
-    if bag is not None:
+    if bag is not None and bag.path.exists():
         click.echo(f"for RViz and Foxglove: {bag.path}", err=True)
     if summary["ended"] == "interrupted":
         # As shells say it: 130 for SIGINT, 143 for SIGTERM.
         click.get_current_context().exit(_BY_SIGNAL + summary.get("signal", signal.SIGINT))
     if not summary["frames_estimated"] and summary["ended"] == "complete":
         click.get_current_context().exit(_NOTHING_ESTIMATED)
+
+
+def _replaced(video: Path | None, rerun: str | None, ros2_bag: Path | None) -> list[Path]:
+    """The files that --force replaces beside the folder of results."""
+    named = (video, ".mp4"), (rerun and Path(rerun), ".rrd"), (ros2_bag, ".mcap")
+    return [path for path, suffix in named if path and path.suffix == suffix]
 
 
 def _each(watchers: Sequence[Watch]) -> Watch:
@@ -290,7 +297,7 @@ def _tell(summary: dict[str, Any], output: Path, verbose: bool, rerun: Path | No
     rest = summary["warnings_left_off"] + (0 if verbose else len(warnings) - _FEW_WARNINGS)
     if rest > 0:
         click.echo(f"warning: and {rest} more, see {output / 'summary.json'}", err=True)
-    for status, meaning in _OFF.items():
+    for status, meaning in _STATUS_MEANINGS.items():
         if count := summary["status"].get(status, 0):
             click.echo(f"{count} frames {status}: {meaning}")
     if verbose:

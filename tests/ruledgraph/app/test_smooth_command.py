@@ -7,7 +7,6 @@ import itertools
 import json
 import os
 import re
-import shutil
 import signal
 import threading
 from pathlib import Path
@@ -114,61 +113,6 @@ def test_the_pictures_are_drawn(results):
     } <= names
     assert "directrices.png" not in names
     assert sum(name.startswith("overlay_") for name in names) >= 2
-
-
-def test_results_are_never_overwritten(recording, tmp_path):
-    (tmp_path / "kept.txt").write_text("mine")
-    result = smooth(
-        recording / "small.bag", "--calibration", recording / "calib.yaml", "--output", tmp_path
-    )
-    assert result.exit_code == 2
-    assert (
-        f"{tmp_path}: is not empty; name another folder with --output, or pass --force"
-        in result.output
-    )
-    assert (tmp_path / "kept.txt").read_text() == "mine"
-
-
-@pytest.mark.parametrize("output", ["small.bag", "calib.yaml", ".", "another.bag", "bag"])
-def test_force_removes_nothing_but_results(recording, tmp_path, output):
-    """Neither what is read nor another recording."""
-    folder = tmp_path / "room"
-    shutil.copytree(recording, folder)
-    shutil.copy(folder / "small.bag", folder / "another.bag")
-    (folder / "bag").mkdir()
-    (folder / "bag" / "bag_0.db3").touch()
-    before = sorted(path for path in folder.rglob("*"))
-    given = (folder / "small.bag", "--calibration", folder / "calib.yaml")
-    result = smooth(*given, "--output", folder / output, "--force")
-    assert result.exit_code == 2
-    expected = (
-        "is read from there" if output in ("small.bag", "calib.yaml", ".") else "no folder of"
-    )
-    assert expected in result.output
-    assert sorted(path for path in folder.rglob("*")) == before
-    assert (folder / "small.bag").stat().st_size == (recording / "small.bag").stat().st_size
-
-
-def test_force_spares_a_recording_that_a_bag_is_written_over(recording, tmp_path):
-    bag = tmp_path / "small.bag"
-    shutil.copy(recording / "small.bag", bag)
-    given = (bag, "--calibration", recording / "calib.yaml", "--output", tmp_path / "run")
-    result = smooth(*given, "--ros2-bag", bag, "--force")
-    assert result.exit_code == 2
-    assert "the ROS 2 bag is an MCAP file, name it *.mcap" in result.output
-    assert bag.stat().st_size == (recording / "small.bag").stat().st_size
-
-
-def test_results_are_overwritten_by_force_alone(recording, tmp_path):
-    arguments = (recording / "small.bag", "--calibration", recording / "calib.yaml")
-    output = tmp_path / "run"
-    output.mkdir()
-    (output / "trajectory_live.tum").touch()
-    (output / "old.txt").touch()
-    arguments += ("--output", output)
-    assert smooth(*arguments).exit_code == 2
-    assert smooth(*arguments, "--force").exit_code == 0
-    assert not (output / "old.txt").exists()
 
 
 def test_a_calibration_for_another_size_is_named(recording, tmp_path):
