@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from ruledgraph.core.measurements import Frame, Gap, ImuSample
 
-_MOST_DAMAGE_LINES = 5
+_MAX_DAMAGE_LINES = 5
 # Fewer samples say little about units.
 _ENOUGH_SAMPLES = 100
 # m/s^2; specific force averages to about gravity over any motion but a fall.
@@ -78,7 +78,7 @@ class Report:
     @property
     def warnings(self) -> list[str]:
         """One line for each thing that is not as it should be."""
-        lines = list(self.damage)[:_MOST_DAMAGE_LINES]
+        lines = list(self.damage)[:_MAX_DAMAGE_LINES]
         if len(self.damage) > len(lines):
             lines.append(f"{len(self.damage) - len(lines)} more places are damaged")
         lines += [
@@ -104,14 +104,24 @@ class Report:
         lines = []
         force, rate = self.force_sum / self.imu.count, self.rate_sum / self.imu.count
         if not _PLAUSIBLE_FORCE[0] < force < _PLAUSIBLE_FORCE[1]:
-            guess = "; is it in g?" if 0.5 < force < 2.0 else ""
-            lines.append(f"the mean accelerometer norm is {force:.3g}, not near 9.81 m/s^2{guess}")
+            lines.append(
+                f"the mean accelerometer norm is {force:.3g}, not near 9.81 m/s^2{_guess(force)}"
+            )
         if rate > _PLAUSIBLE_RATE:
             lines.append(
                 f"the mean gyroscope norm is {rate:.3g} rad/s, faster than a camera can follow; "
                 "is it in degrees per second?"
             )
         return lines
+
+
+def _guess(force: float) -> str:
+    """What the mean norm of an accelerometer's readings can mean."""
+    if 0.9 < force < 1.2:
+        return "; is it in g? Multiply it by 9.81, that of iOS, which has the other sign, by -9.81"
+    if force < _PLAUSIBLE_FORCE[0]:
+        return "; was gravity taken out? Record the accelerometer, not the linear acceleration"
+    return ""
 
 
 def _plural(noun: str, n: int) -> str:

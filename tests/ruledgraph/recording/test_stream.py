@@ -281,6 +281,7 @@ def test_stamps_that_do_not_overlap(record: Callable[..., Recording]) -> None:
     ("w", "a", "text"),
     [
         ((0.1, 0.0, 0.0), (0.0, 0.0, 1.0), "norm is 1, not near 9.81 m/s^2; is it in g?"),
+        ((0.1, 0.0, 0.0), (0.0, 0.3, 0.0), "norm is 0.3, not near 9.81 m/s^2; was gravity taken"),
         ((0.1, 0.0, 0.0), (0.0, 0.0, 980.0), "norm is 980, not near 9.81 m/s^2"),
         ((30.0, 0.0, 0.0), (0.0, 0.0, 9.8), "norm is 30 rad/s, faster than a camera can follow"),
     ],
