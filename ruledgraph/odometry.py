@@ -26,7 +26,7 @@ from ruledgraph.segments.stages import Stages
 _SPARE = 0.5
 # s; the points of a rolling shutter are turned by the gyroscope of their rows' times. By so little
 # it matters little: hands turn a camera by 10 rad/s^2, over 10 ms of rows that is 0.2 px.
-_SAME_TURN = 5e-3
+_MAX_TIMING_CHANGE = 5e-3
 
 
 class Odometry(Output):
@@ -41,11 +41,11 @@ class Odometry(Output):
         super().__init__()
         self.calibration = calibration
         self.config = config = (config or Config()).for_time_offset(calibration.time_offset_exact)
-        least = config.imu.least_accelerometer_noise, config.imu.least_gyroscope_noise
+        least = config.imu.min_accelerometer_noise, config.imu.min_gyroscope_noise
         calibration = replace(calibration, imu_noise=calibration.imu_noise.at_least(*least))
         self._stages = Stages.build(calibration, config, self)
         self._segments = SegmentSequence(calibration, config, self._stages)
-        unsolved = config.rest.solve_interval + config.rest.open_time
+        unsolved = config.rest.solve_interval + config.rest.max_undecided_time
         self._kept = config.window.lag + unsolved + _SPARE
         self._kept_frames: deque[Frame] = deque()
 
@@ -140,11 +140,11 @@ class Odometry(Output):
         readout, correction = mounting.calibration.readout, sensors.offset_correction
         self._estimate(frame)
         sensors.calibration = mounting.calibration  # how rows are read may be known now
-        self._stages.front_end.undistort_by(mounting.camera)
+        self._stages.front_end.set_camera(mounting.camera)
         moved = abs(mounting.calibration.readout - readout)
         if mounting.calibration.readout:
             moved = max(moved, abs(sensors.offset_correction - correction))
-        if moved > _SAME_TURN and not self._segments.has_start:
+        if moved > _MAX_TIMING_CHANGE and not self._segments.has_start:
             self._repeat()
 
     def _keep(self, frame: Frame) -> None:

@@ -38,7 +38,7 @@ from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import accuracy
 from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
 from ruledgraph.evaluation.line_maps import line_map_accuracy, points_in_view
-from ruledgraph.integrity.gauge import heading
+from ruledgraph.integrity.gauge import yaw_alignment
 from ruledgraph.odometry import Odometry
 from ruledgraph.simulation import MOTIONS, Simulation
 from ruledgraph.simulation.options import simulation_from_options
@@ -207,7 +207,7 @@ def _line_errors(
     Position and heading of the world are aligned, also where a motion is along a line.
     """
     true = simulation.truth([e.stamp for e in smoothed])
-    yaw = heading(true.rotation, np.array([e.matrix[:3, :3] for e in smoothed])).matrix()
+    yaw = yaw_alignment(true.rotation, np.array([e.matrix[:3, :3] for e in smoothed])).matrix()
     shift = (true.position - [yaw @ e.position for e in smoothed]).mean(axis=0)
     camera, body_T_cam = simulation.calibration.camera, simulation.calibration.body_T_cam
     centres = true.position + true.rotation @ body_T_cam.translation()

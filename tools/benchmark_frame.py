@@ -49,9 +49,9 @@ def timed(function: Callable[..., Any], into: list[float]) -> Callable[..., Any]
     return call
 
 
-def run(simulation: Simulation, most_lines: int) -> tuple[float, dict[str, float]]:
+def run(simulation: Simulation, max_lines: int) -> tuple[float, dict[str, float]]:
     """Lines followed in a frame on average, and ms of each stage."""
-    config = Config(edges=EdgesConfig(max_lines=most_lines))
+    config = Config(edges=EdgesConfig(max_lines=max_lines))
     odometry = Odometry(simulation.calibration, config)
     tracker, timings = odometry.tracker, odometry.timings
     searching: list[float] = []
@@ -94,10 +94,10 @@ def main() -> None:
     stages = ("gradient", "prediction", "search", "rest", "frame")
     print("| lines | kernel |", " | ".join(stages), "|")
     print("| ---: | --- |", " | ".join("---:" for _ in stages), "|")
-    for most_lines in LINES:
+    for max_lines in LINES:
         for kernel in kernels():
             os.environ["RULEDGRAPH_KERNEL"] = kernel
-            lines, medians = run(simulation, most_lines)
+            lines, medians = run(simulation, max_lines)
             cells = " | ".join(f"{medians[stage]:.2f}" for stage in stages)
             print(f"| {lines:.0f} | {kernel} | {cells} |", flush=True)
 

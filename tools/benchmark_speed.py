@@ -45,7 +45,7 @@ from ruledgraph.simulation.write import write_simulation
 
 SCENE, MOTION = "noncoplanar_cluttered", "free"
 SECONDS = 12.0
-MOST_LINES = (5, 10, 20, 30, 60)
+MAX_LINES = (5, 10, 20, 30, 60)
 
 T = TypeVar("T")
 
@@ -130,7 +130,7 @@ def by_lines(
     stamps = [frame.stamp for frame in measurements if isinstance(frame, Frame)]
     seconds = 1e-9 * (stamps[-1] - stamps[0])
     rows = []
-    for most in MOST_LINES:
+    for most in MAX_LINES:
         make = partial(Odometry, calibration, with_most_lines(most))
         spent, lines = least(partial(processor_time, measurements, make), repeat, itemgetter(0))
         if lines > 0.0:

@@ -101,7 +101,7 @@ def run(case: Case, source: fault_scenes.Source) -> dict[str, Any]:
 
 
 def _kind(warning: str) -> str:
-    for kind in ("ran away", "no start", "no IMU", "IMU hung", "hangs", "disagree", "taken back"):
+    for kind in ("diverged", "no start", "no IMU", "frozen", "disagree", "discarded"):
         if kind in warning:
             return kind
     return warning[:40]

@@ -147,7 +147,7 @@ def saturated(gyroscope: float, accelerometer: float) -> Fault:
 
 
 def repeated(kind: type[Frame] | type[ImuSample], start: float, length: float) -> Fault:
-    """A sensor that hangs: its last image or reading again and again, with new stamps."""
+    """A frozen sensor: its last image or reading again and again, with new stamps."""
 
     def apply(measurements: Iterable[Measurement]) -> Iterator[Measurement]:
         last: Frame | ImuSample | None = None

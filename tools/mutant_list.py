@@ -113,7 +113,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "backend/innovation.py",
         "backend/test_innovation",
         (
-            ("shares > _LEAST_GAIN", "shares > -1.0"),
+            ("shares > _MIN_GAIN", "shares > -1.0"),
             ("steps**2 / shares[told]", "steps**2"),
             ("found.bias.vector() - predicted.bias.vector()", "np.zeros(6)"),
             ("self._predictions[0]", "self._predictions[-1]"),
@@ -302,7 +302,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
                 "rival_distance_px: float = number(3.0,",
                 "rival_distance_px: float = number(50.0,",
             ),
-            ("least_support: float = number(0.35,", "least_support: float = number(0.0,"),
+            ("min_support: float = number(0.35,", "min_support: float = number(0.0,"),
         ),
     ),
     (

@@ -18,14 +18,14 @@ from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import EvaluationError, matched
 from ruledgraph.evaluation.ground_truth import GroundTruth
-from ruledgraph.integrity.gauge import heading
+from ruledgraph.integrity.gauge import yaw_alignment
 
 UNREPORTED_SHARE = 0.01
 """A run is unreported where it has more of them, see `ReportedErrors.unreported`."""
 # Errors below this (m) are not held against an estimate, whatever its covariance.
 _UNREPORTED_ERROR = 0.03
 # Fewest poses of a segment that is judged, and how much of it says where it began, s.
-_FEWEST, _BEGINNING = 3, 0.3
+_MIN_POSES, _BEGINNING = 3, 0.3
 # Between samples of the truth that are further apart, only estimates that are this close to one are
 # judged, both s: a hand moves by more than its uncertainty from a straight way in between.
 _SPARSE, _NEAR = 0.1, 0.005
@@ -68,7 +68,7 @@ def segments_of(live: Iterable[Estimate], smoothed: Iterable[Estimate]) -> list[
         found.setdefault(estimate.segment, Segment()).live.append(estimate)
     for estimate in smoothed:
         found.setdefault(estimate.segment, Segment()).smoothed.append(estimate)
-    return [s for s in found.values() if min(len(s.live), len(s.smoothed)) >= _FEWEST]
+    return [s for s in found.values() if min(len(s.live), len(s.smoothed)) >= _MIN_POSES]
 
 
 def reported_errors(
@@ -84,7 +84,7 @@ def reported_errors(
     for segment in segments:
         world_T_true = _beginning(segment, truth)
         judged = _near_samples(segment.live, truth)
-        if len(judged) < _FEWEST:
+        if len(judged) < _MIN_POSES:
             continue
         kept, true = matched(trajectory_of(judged), truth)
         by_stamp = {estimate.stamp: estimate for estimate in judged}
@@ -127,11 +127,11 @@ def _beginning(segment: Segment, truth: GroundTruth) -> gtsam.Pose3:
     """
     first = segment.smoothed[0].stamp
     start = [e for e in segment.smoothed if e.stamp <= first + _BEGINNING * 1e9]
-    start = start if len(start) >= _FEWEST else segment.smoothed[:_FEWEST]
+    start = start if len(start) >= _MIN_POSES else segment.smoothed[:_MIN_POSES]
     ours, true = matched(trajectory_of(start), truth)
     if true.quaternions is None:
         raise EvaluationError("ground truth without orientations")
-    turn = heading(*(Rotation.from_quat(t.quaternions).as_matrix() for t in (ours, true)))
+    turn = yaw_alignment(*(Rotation.from_quat(t.quaternions).as_matrix() for t in (ours, true)))
     shift = ours.positions.mean(axis=0) - turn.rotate(true.positions.mean(axis=0))
     return gtsam.Pose3(turn, shift)
 

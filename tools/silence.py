@@ -28,8 +28,8 @@ from ruledgraph.app.batch.cluster import in_parallel
 from ruledgraph.core.measurements import Frame, ImuSample, Measurement
 from ruledgraph.simulation.options import simulation_from_options
 
-CASES = ("IMU stops", "IMU hangs", "camera stops")
-_MOST_GROWTH = 0.05
+CASES = ("IMU stops", "frozen IMU", "camera stops")
+_MAX_GROWTH = 0.05
 _PACED = 2_000_000_000
 _TRACKED, _FRAME, _SAMPLE = 8.0, 33_000_000, 5_000_000
 
@@ -45,11 +45,11 @@ class Found(NamedTuple):
 
 
 def silence(case: str, minutes: float, start: int, last: ImuSample) -> Iterator[Frame | ImuSample]:
-    """The sensor that is left, and the readings of one that hangs."""
+    """The sensor that is left, and the readings of a frozen one."""
     rng = np.random.default_rng(0)
     image = np.zeros((240, 320), np.uint8)
     for stamp in range(start, start + round(minutes * 60e9), _SAMPLE):
-        if case == "IMU hangs":
+        if case == "frozen IMU":
             yield last._replace(stamp=stamp)
         elif case == "camera stops":
             noise = rng.normal(size=(2, 3)) * 0.01
@@ -114,7 +114,7 @@ def main(minutes: float) -> None:
         for case in CASES:
             # A worker for each: what a case leaves behind is not the next one's memory.
             ((_, found),) = in_parallel(work, [case], workers=1)
-            grew = grew or found.after > (1.0 + _MOST_GROWTH) * found.before
+            grew = grew or found.after > (1.0 + _MAX_GROWTH) * found.before
             name = "LiveOdometry" if live else "Odometry"
             click.echo(
                 f"{name}, {case}: {found.before:.1f} to {found.after:.1f} MB; {found.status}"

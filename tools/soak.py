@@ -23,7 +23,7 @@ import numpy as np
 
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame
-from ruledgraph.integrity.gauge import heading
+from ruledgraph.integrity.gauge import yaw_alignment
 from ruledgraph.odometry import Odometry
 from ruledgraph.simulation import Simulation
 from ruledgraph.simulation.options import simulation_from_options
@@ -120,7 +120,7 @@ def _resident() -> float:
 
 def _error(first: Estimate, last: Estimate, simulation: Simulation) -> float:
     true = simulation.truth([first.stamp, last.stamp])
-    turn = heading(true.rotation[:1], first.world_T_body.rotation().matrix()[None])
+    turn = yaw_alignment(true.rotation[:1], first.world_T_body.rotation().matrix()[None])
     moved = last.world_T_body.translation() - first.world_T_body.translation()
     truly = true.position[1] - true.position[0]
     return float(np.linalg.norm(turn.rotate(moved) - truly))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.estimates import Estimate
-from ruledgraph.integrity.gauge import heading
+from ruledgraph.integrity.gauge import yaw_alignment
 from ruledgraph.simulation import Simulation
 
 NEES_PARTS = {
@@ -35,7 +35,7 @@ def nees(
         gtsam.Pose3(gtsam.Rot3(R), p) for R, p in zip(true.rotation, true.position, strict=True)
     ]
     first = beginning.world_T_body
-    yaw = heading(true.rotation[:1], first.rotation().matrix()[None])
+    yaw = yaw_alignment(true.rotation[:1], first.rotation().matrix()[None])
     shift = poses[0].translation() - yaw.rotate(first.translation())
     true_T_world = gtsam.Pose3(yaw, shift)
     found: dict[str, list[float]] = {name: [] for name in NEES_PARTS}

@@ -43,7 +43,7 @@ _PARALLEL = 0.035
 # White noise of a consumer IMU, m/s^2/sqrt(Hz). Doubly integrated over T seconds, what a parabola
 # leaves of it is 0.036 T^1.5 times as much; the acceleration has to show this many times stronger.
 _IMU_NOISE = 2e-3
-_LEAST_EXCITATION = 30.0
+_MIN_EXCITATION = 30.0
 # Where a line whose planes do not turn starts, 1/m.
 _FAR = 0.01
 
@@ -114,7 +114,7 @@ def _require_excitation(motion: FrameMotion, body_T_cam: gtsam.Pose3) -> None:
     parabolas = np.column_stack([np.ones_like(t), t, t * t])
     rest = known_centres - parabolas @ np.linalg.lstsq(parabolas, known_centres, rcond=None)[0]
     excitation = float(np.sqrt(np.mean(np.sum(rest * rest, axis=1))))
-    least = _LEAST_EXCITATION * 0.036 * _IMU_NOISE * float(t[-1]) ** 1.5
+    least = _MIN_EXCITATION * 0.036 * _IMU_NOISE * float(t[-1]) ** 1.5
     if excitation <= least:
         raise DegenerateWindowError(
             f"the acceleration hardly changes: it moves the camera by {1e3 * excitation:.2g} mm "

@@ -13,7 +13,7 @@ from ruledgraph_factors.ruled_surface import LINE_COLUMNS, State
 from ruledgraph_factors.spec import RuledSurfaceSpec
 from ruledgraph_factors.validation import FloatArray
 
-_MOST_STEPS = 8
+_MAX_STEPS = 8
 _LONGEST_STEP = 1.5
 _CONVERGED = 1e-3
 
@@ -82,7 +82,7 @@ def fit_line_in_numpy(
     def descend(start: FloatArray) -> LineMinimum:
         damping = 1e-3
         fit, gradient = linearize(start)
-        for _ in range(_MOST_STEPS):
+        for _ in range(_MAX_STEPS):
             damped = fit.hessian.copy()
             damped.flat[::5] *= 1.0 + damping
             step = -np.linalg.solve(damped, gradient)

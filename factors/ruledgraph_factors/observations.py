@@ -166,14 +166,6 @@ class GeometricPoints:
         """`geometric_residual` of these points."""
         return geometric_residual(line, self.statistics, focal_ratio)
 
-    def mean_distance(self, residual: FloatArray) -> float:
-        """Mean signed distance of all points from their lines, by the residual's value, (3n,).
-
-        It is sum_j C_j[:, 2]^T r_j / weight: the last coordinate of a point is 1. With independent
-        points it deviates by a point's deviation over the root of `weight`.
-        """
-        return float(self.statistics[:, :, 2].ravel() @ residual) / self.weight
-
 
 @dataclass(frozen=True, eq=False)
 class ReprojectionPoints:

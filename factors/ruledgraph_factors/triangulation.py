@@ -45,7 +45,7 @@ _WITHIN_PLANE = 0.1
 # Where to start beside the linear solution: inverse distances, 1/m, and turns in the plane, rad.
 _INVERSE_DISTANCES = (0.05, 0.25, 0.7, 1.6)
 _TURNS = (-0.7, 0.0, 0.7)
-_DESCENTS, _MOST_DESCENTS = 2, 5
+_DESCENTS, _MAX_DESCENTS = 2, 5
 _CONVERGED = 1e-3
 # Costs that differ by less, relatively, are those of one minimum.
 _ROUNDING = 1e-6
@@ -171,7 +171,7 @@ class _Views:
         linear = self._descend(self.chart, [self._linear()], _PRIOR, 1)
         others = self._descend(self.chart, starts, _PRIOR, _DESCENTS)
         best = others if others.cost < (1.0 - _ROUNDING) * linear.cost else linear
-        for _ in range(_MOST_DESCENTS):  # each takes a few steps
+        for _ in range(_MAX_DESCENTS):  # each takes a few steps
             fit = self._descend(self.chart, [best.delta], _PRIOR, 1)
             gained, best = best.cost - fit.cost, fit
             if gained < _CONVERGED * fit.cost:

@@ -21,7 +21,7 @@ from ruledgraph_factors.validation import FloatArray, image_points, instance
 # The normals of a line's planes have turned when they spread this many times as far as the noise of
 # one, and by half a pixel at a focal length of 500 px.
 _SIGNIFICANT_TURN = 5.0
-_LEAST_TURN = 1e-3
+_MIN_TURN = 1e-3
 # How far beyond infinity noise may put a line, 1/m.
 _BEYOND_INFINITY = 0.05
 
@@ -83,7 +83,7 @@ class TrackRays:
         turn = float(spread[1]) if len(spread) > 1 else 0.0
         self.turns = turn > _SIGNIFICANT_TURN * np.sqrt(
             len(weights)
-        ) and turn > _LEAST_TURN * np.linalg.norm(weights)
+        ) and turn > _MIN_TURN * np.linalg.norm(weights)
 
     def centres(self, velocity: FloatArray, gravity: FloatArray) -> FloatArray:
         """Camera centre in every frame, (n, 3)."""

@@ -9,7 +9,7 @@ from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.diagnostics.info import inspect_recording
 
-_MOST = 3
+_MAX_CAUSES = 3
 
 
 def likely_causes(recording: Path, calibration: Calibration, choice: dict[str, Any]) -> list[str]:
@@ -26,4 +26,4 @@ def likely_causes(recording: Path, calibration: Calibration, choice: dict[str, A
         return [str(error)]
     # Mounting and clock are looked at last and explain most, then the calibration's figures.
     wrong = [finding.text for finding in reversed(info.findings) if not finding.good]
-    return [*info.missing, *wrong][:_MOST]
+    return [*info.missing, *wrong][:_MAX_CAUSES]

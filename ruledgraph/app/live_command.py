@@ -32,7 +32,7 @@ from ruledgraph.recording import write_recording
 from ruledgraph.simulation.options import size_of
 
 # Images that may wait to be written: four seconds at 90 Hz.
-_MOST_UNWRITTEN = 360
+_MAX_UNWRITTEN = 360
 _BETWEEN_LINES = 1.0
 
 
@@ -171,7 +171,7 @@ class Recorder(Closing):
                 raise RuledgraphError(f"{file} exists already; choose another name or pass --force")
         write_kalibr(calibration, _beside(path))
         self._path, self._calibration = path, calibration
-        self._queue = SensorQueue(round(calibration.time_offset * 1e9), _MOST_UNWRITTEN)
+        self._queue = SensorQueue(round(calibration.time_offset * 1e9), _MAX_UNWRITTEN)
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._write, name="recorder")
         self._thread.start()

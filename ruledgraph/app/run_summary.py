@@ -14,11 +14,12 @@ _WIDTH = 13
 def summary_text(summary: Mapping[str, Any], output: Path, *, rerun: Path | None = None) -> str:
     """A table of one row for each thing a person asks first, and the command to go on with."""
     rows = [*_frames(summary), *_accuracy(summary.get("accuracy", {})), *_offset(summary)]
-    rows += [*_extrinsics(summary), *_focal_length(summary), *_edges(summary)]
-    rows += _innovations(summary)
+    if summary["frames_estimated"]:
+        rows += [*_extrinsics(summary), *_focal_length(summary), *_edges(summary)]
+        rows += _innovations(summary)
     speed = f"{summary['recording_s']:.1f} s of recording in {summary['wall_s']:.1f} s"
     if summary["recording_s"] > 0.0:
-        speed += f", {summary['real_time_factor']:.2f} of real time"
+        speed += f", {summary['real_time_factor']:.2f} times real time"
     rows += [("Speed", speed), ("Results", str(output))]
     if rerun is not None:
         rows.append(("Rerun", f"rerun {shlex.quote(str(rerun))}"))
@@ -48,7 +49,7 @@ def _frames(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         "Lines",
         f"{summary['lines']} in the map, seen {sightings} times, "
         f"{summary['lines_in_view']:.1f} in view on average"
-        + (f"; {recoveries} recoveries" if recoveries else ""),
+        + (f"; {recoveries} {'recovery' if recoveries == 1 else 'recoveries'}" * (recoveries > 0)),
     )
 
 
@@ -80,6 +81,9 @@ def _offset(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     given = f"{1e3 * offset['given_s']:+.1f} ms as given"
     if not offset["estimated"]:
         yield "Time offset", f"{given}, not estimated"
+        return
+    if not summary["frames_estimated"] and offset["s"] == offset["given_s"]:
+        yield "Time offset", given
         return
     value, sigma = 1e3 * offset["s"], 1e3 * offset["sigma_s"]
     yield "Time offset", f"t_imu - t_cam = {value:+.2f} ± {sigma:.2f} ms, estimated; {given}"

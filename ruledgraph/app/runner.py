@@ -46,7 +46,7 @@ _FEW = 0.5
 # Measurements read ahead, a few frames' worth.
 _AHEAD = 64
 # Warnings listed in the summary; the rest are counted.
-_MOST_WARNINGS = 50
+_MAX_WARNINGS = 50
 
 
 @dataclass
@@ -284,8 +284,8 @@ def _summary(
         "innovations": _innovations(tally.innovations),
         "edge_sigma_px": median(tally.edge_sigmas_px) if tally.edge_sigmas_px else None,
         "recoveries": odometry.recoveries,
-        "warnings": warnings[:_MOST_WARNINGS],
-        "warnings_left_off": max(0, len(warnings) - _MOST_WARNINGS) + odometry.warnings.left_off,
+        "warnings": warnings[:_MAX_WARNINGS],
+        "warnings_left_off": max(0, len(warnings) - _MAX_WARNINGS) + odometry.warnings.left_off,
         "stages": stages,
     }
 

@@ -22,7 +22,7 @@ from ruledgraph_factors.ruled_surface import LINE_COLUMNS
 JUMP_DOF = 6
 """Accelerometer and gyroscope, three axes each."""
 # Of the reweighted least squares, which end where the cost changes by less.
-_MOST_ITERATIONS, _CONVERGED = 20, 1e-3
+_MAX_ITERATIONS, _CONVERGED = 20, 1e-3
 # Scale of a loss that is not robust, in standard deviations.
 _QUADRATIC = 1e4
 
@@ -74,7 +74,7 @@ class _Lines(NamedTuple):
         weights = np.ones(len(self.begins))
         none = np.zeros(15)
         found = [self._at(none, information)]
-        for _ in range(_MOST_ITERATIONS):
+        for _ in range(_MAX_ITERATIONS):
             weighted = np.repeat(weights, rows)[:, None] * self.jacobian
             normal = cho_factor(information + weighted.T @ self.jacobian)
             x = -cho_solve(normal, weighted.T @ self.value)
@@ -95,7 +95,7 @@ def bias_jump(
     interval: Interval,
     seen: Sequence[LineObservation],
     model: EdgeModel,
-    most: float,
+    threshold: float,
     config: Config,
 ) -> JumpTest | None:
     """A likelihood ratio test of whether the biases jumped; None without lines.
@@ -107,17 +107,17 @@ def bias_jump(
 
         2 log(p_jump / p_none).
 
-    With a limit of -inf they jumped in any case. Else they did where it is larger than by chance,
-    and where most lines fit better with a jump, by a sign test (`integrity.jump_confidence`): a few
-    that moved, or were taken for others, make the ratio as large. The innovation of the state does
-    not show what this does: with a robust loss lines that all contradict the IMU are outliers, and
-    the state stays where it was predicted.
+    With a threshold of -inf they jumped in any case. Else they did where it is larger than by
+    chance, and where most lines fit better with a jump, by a sign test
+    (`integrity.jump_confidence`): a few that moved, or were taken for others, make the ratio as
+    large. The innovation of the state does not show what this does: with a robust loss lines that
+    all contradict the IMU are outliers, and the state stays where it was predicted.
 
     Args:
         interval: the newest one, its state not corrected by it yet.
         seen: lines in it that were estimated without it.
         model: of their points.
-        most: what the ratio may be by chance; -inf: an innovation has shown that they jumped.
+        threshold: of the ratio by chance; -inf: an innovation has shown that they jumped.
         config: all settings; `start` says what is known of biases before one.
 
     Source: Willsky and Jones, A generalized likelihood ratio approach to the detection and
@@ -136,7 +136,7 @@ def bias_jump(
         return None
     ratio, better = none.cost - jump.cost, int(np.sum(jump.squares < none.squares))
     by_chance = float(bdtrc(better - 1, len(seen), 0.5))
-    jumped = most == -math.inf or (ratio > most and by_chance < 1.0 - needed)
+    jumped = threshold == -math.inf or (ratio > threshold and by_chance < 1.0 - needed)
     return JumpTest(ratio, jump.x[9:], jumped)
 
 

@@ -17,7 +17,8 @@ from ruledgraph.core.config import Config
 
 @dataclass(eq=False)
 class CameraVariable(ABC):
-    """A variable of the camera in one interval's frames, tied to that of the interval before.
+    """A variable of the camera in the frames of one interval, or of some in a row, with a random
+    walk from the one before.
 
     A single one for all frames would stay linearised where it was when its first neighbours left
     the window.
@@ -27,7 +28,7 @@ class CameraVariable(ABC):
     """Dimension of its tangent."""
 
     index: int
-    """Of the state before these frames."""
+    """Of the state before the first of these frames."""
     time: float
     """Of that state, s."""
 
@@ -54,7 +55,7 @@ class CameraVariable(ABC):
 
     @abstractmethod
     def random_walk_factor(self, before: Self, config: Config) -> gtsam.NonlinearFactor:
-        """By how much it may differ from that of the interval before."""
+        """Random walk from the variable before this one."""
 
 
 @dataclass(eq=False)
@@ -66,7 +67,7 @@ class ScalarVariable(CameraVariable):
     value: float
     """The estimate."""
     sigma: float
-    """Of that, when it was new."""
+    """Of that, as of the newest state whose frames it has."""
 
     def insert(self, values: gtsam.Values) -> None:
         """Add the estimate."""

@@ -3,9 +3,10 @@
 """The camera's pose in the body, estimated in the window.
 
 A calibrated mounting is off by a degree or so, or the camera was bumped. The variable E(k) is
-body_T_cam of the frames after state k, tied to the last by
+body_T_cam of the frames from state k to state l, the first for which there is another variable, at
+least `window.camera_period` later. A random walk leads to the next one,
 
-    E(k) = E(k-1) Exp(n),    n ~ N(0, Q (t_k - t_{k-1})),
+    E(l) = E(k) Exp(n),    n ~ N(0, Q (t_l - t_k)),
 
 Q of the squares of `rotation_random_walk` and `translation_random_walk`.
 """
@@ -27,14 +28,14 @@ from ruledgraph.core.extrinsics import Extrinsics
 
 @dataclass(eq=False)
 class ExtrinsicsState(CameraVariable):
-    """Variable of the camera's pose in the body in one interval's frames."""
+    """Variable of the camera's pose in the body in the frames of one `window.camera_period`."""
 
     SIZE: ClassVar[int] = 6
 
     body_T_cam: gtsam.Pose3
     """The estimate of E(k)."""
     covariance: FloatArray
-    """Of that, when it was new, (6, 6)."""
+    """Of that, as of the newest state whose frames it has, (6, 6)."""
 
     @property
     def key(self) -> int:

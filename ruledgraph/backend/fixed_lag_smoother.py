@@ -13,7 +13,7 @@ from ruledgraph.core.errors import RuledgraphError
 
 
 class SmootherError(RuledgraphError):
-    """The system is indeterminate or the estimate ran away."""
+    """The system is indeterminate or the estimate diverged."""
 
 
 class FixedLagSmoother:

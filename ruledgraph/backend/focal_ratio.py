@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The camera's focal length, estimated in the window.
 
-The variable F(k) is the focal length in the frames after state k over the calibration's. Both focal
-lengths of a camera have the same ratio. It is tied to the last by
+The variable F(k) is the focal length over the calibration's in the frames from state k to state l,
+the first for which there is another variable, at least `window.camera_period` later. Both focal
+lengths of a camera have the same ratio. A random walk leads to the next one,
 
-    F(k) = F(k-1) + n,    n ~ N(0, random_walk^2 (t_k - t_{k-1})).
+    F(l) = F(k) + n,    n ~ N(0, random_walk^2 (t_l - t_k)).
 """
 
 import math
@@ -23,7 +24,7 @@ from ruledgraph.core.focal_ratio import FocalRatio
 
 @dataclass(eq=False)
 class FocalRatioState(ScalarVariable):
-    """Variable of the focal length in one interval's frames."""
+    """Variable of the focal length in the frames of one `window.camera_period`."""
 
     @property
     def key(self) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import gtsam
 from gtsam.symbol_shorthand import B, V, X
 
+from ruledgraph.backend.self_calibration import CameraVariables
 from ruledgraph.backend.states import Interval, StateNode, insert_state
 from ruledgraph.core.config import Config
 
@@ -27,12 +28,13 @@ class GraphUpdate:
         insert_state(self.values, node)
         self.times |= {key(node.index): node.time for key in (X, V, B)}
 
-    def insert_camera(self, interval: Interval, before: Interval | None, config: Config) -> None:
-        """Add an interval's variables of the camera, tied to those of the interval before; the
-        first one's have priors.
+    def insert_camera(self, interval: Interval, before: CameraVariables, config: Config) -> None:
+        """Add an interval's new variables of the camera, with random walks from those of the
+        interval before; the first ones get priors.
         """
-        for variable in interval.camera.estimated:
+        for variable in interval.camera.new_since(before):
             variable.insert(self.values)
-            self.times[variable.key] = variable.time
-        for factor in interval.camera.factors(before.camera if before else None, config):
+        for variable in interval.camera.estimated:
+            self.times[variable.key] = interval.node.time
+        for factor in interval.camera.factors(before, config):
             self.factors.add(factor)

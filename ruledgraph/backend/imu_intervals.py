@@ -74,7 +74,7 @@ def imu_interval(
     return interval, StateNode(node.index + 1, times[-1], state, node.bias, node.covariance)
 
 
-def let_jump(
+def add_bias_jump(
     interval: Interval,
     new: StateNode,
     jump: FloatArray,
@@ -82,7 +82,7 @@ def let_jump(
     noise: ImuNoise,
     config: StartConfig,
 ) -> None:
-    """Let the biases jump at any time in an interval, by as much as they are unknown before a
+    """The biases jump at any time in an interval, by as much as they are unknown before a
     start: that much the mean of its samples may be off (white noise), and the biases at its end
     differ from those before (random walk). The state at its end is predicted with the jump.
 
@@ -120,11 +120,11 @@ def let_jump(
 def _with_scale_errors(
     noise: ImuNoise, node: StateNode, motion: FrameMotion, gravity: FloatArray, sigma: float
 ) -> ImuNoise:
-    """With a random walk of the accelerometer's bias by what the body turns, too.
+    """Add to the random walk of the accelerometer's bias what scale errors do as the body turns.
 
     With scale factors and misalignment S the accelerometer is off by S f beside its bias. While the
-    body turns from R to R' gravity changes this by S (R'^T - R^T) g, per axis with a deviation of
-    `sigma` |(R'^T - R^T) g|.
+    body turns from R to R' gravity changes this by S (R'^T - R^T) g, per axis with a standard
+    deviation of `sigma` |(R'^T - R^T) g|.
     """
     before = node.state.pose().rotation().matrix().T @ gravity
     after = gtsam.Rot3.Expmap(-motion.preintegrated[-1, :3]).rotate(before)

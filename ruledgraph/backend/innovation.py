@@ -15,7 +15,7 @@ from ruledgraph.imu.propagation import StateWithCovariance, propagated_covarianc
 from ruledgraph_factors import FrameMotion
 
 # Directions count in which the variance fell by this share: less is lost in linearisation.
-_LEAST_GAIN = 0.1
+_MIN_GAIN = 0.1
 
 
 class Prediction:
@@ -96,7 +96,7 @@ def innovation(
 
     with u_i and gain_i from the eigenvectors of P- - P in coordinates in which P- is the identity.
     It is chi-square, with one degree of freedom for each direction in which the variance fell by a
-    tenth or more; the others, such as place and heading, the images say nothing of. `since` (s) is
+    tenth or more; the others, such as position and yaw, the images say nothing of. `since` (s) is
     when the prediction began.
 
     Raises:
@@ -118,7 +118,7 @@ def innovation(
     whitened = np.linalg.solve(root, np.column_stack([found.covariance, moved]))
     remaining = np.linalg.solve(root, whitened[:, :-1].T)
     shares, axes = np.linalg.eigh(np.eye(len(moved)) - 0.5 * (remaining + remaining.T))
-    observed = shares > _LEAST_GAIN
+    observed = shares > _MIN_GAIN
     steps = axes[:, observed].T @ whitened[:, -1]
     nis = float(np.sum(steps**2 / shares[observed]))
     return Innovation(nis, int(np.count_nonzero(observed)), since)

@@ -4,7 +4,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import gtsam
@@ -20,7 +19,6 @@ from ruledgraph.core.line_observations import Sighting
 from ruledgraph_factors import (
     NEW_LINE_SIGMAS,
     GeometricPoints,
-    RuledSurfaceFactor,
     line_distance_factor,
     new_line_factor,
     ruled_surface_factor,
@@ -100,24 +98,18 @@ def observation(
 
 
 def new_line_factors(
-    node: StateNode, seen: LineObservation, config: LinesConfig, distance: float
+    node: StateNode, line: Landmark, config: LinesConfig, distance: float
 ) -> tuple[gtsam.NonlinearFactor, ...]:
-    """Priors of a line that was seen from one position only, by its first observation.
+    """Priors of a line, which was seen from one position only so far.
 
-    They are relative to the state of that observation. Priors in the world frame would also
-    constrain the unobservable position and yaw, more with every new line. `distance` (m) is the
+    They are relative to the state that saw it first. Priors in the world frame would also constrain
+    the unobservable position and yaw, more with every new line. `distance` (m) is the
     `usual_distance` of lines.
     """
-    line, spec, points = seen.line, seen.factor.spec, seen.points
+    pose_key, pose = X(node.index), node.state.pose()
     wide = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
-    factor = noiseModel.Isotropic.Sigma(1, math.log(config.prior_distance_factor))
-    # The robust loss ignores points that are far off, so that a line might not come back from one
-    # bad step: its points once more, with a large sigma and a quadratic loss.
-    sigma = config.new_plane_sigma * math.sqrt(points.weight)
-    loose = noiseModel.Isotropic.Sigma(points.rows, sigma)
-    pose_key, pose = spec.keys[0], node.state.pose()
+    of_distance = noiseModel.Isotropic.Sigma(1, math.log(config.prior_distance_factor))
     return (
         new_line_factor(wide, pose_key, line.key, line.chart, pose),
-        line_distance_factor(factor, pose_key, line.key, line.chart, distance),
-        RuledSurfaceFactor(replace(spec, noise_model=loose)),
+        line_distance_factor(of_distance, pose_key, line.key, line.chart, distance),
     )

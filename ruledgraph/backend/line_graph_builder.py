@@ -32,7 +32,7 @@ from ruledgraph_factors import (
 )
 
 # rad; less than half of 0.1 px at a focal length of 400 px. A tighter factor is ill-conditioned.
-_LEAST_TIE = 1e-4
+_MIN_REANCHOR_SIGMA = 1e-4
 
 
 class ImpossibleLineError(RuledgraphError):
@@ -85,17 +85,17 @@ class LineGraphBuilder:
         now: float,
         update: GraphUpdate,
         rests: bool,
-        made: LineObservation | None = None,
+        precomputed: LineObservation | None = None,
     ) -> None:
         """Add the factor of a line over the frames `index` of an interval that ends `now`, s.
 
         While the body rests, all the window long, a line gets one only: later images repeat its
-        errors, and counted again and again these move the estimate. The observation may be `made`
-        already.
+        errors, and counted again and again these move the estimate. The observation may be there
+        already, of `LineMap.observations_in`.
         """
         if not index:
             return
-        seen = made or observation(interval, line, index, sightings, self._model)
+        seen = precomputed or observation(interval, line, index, sightings, self._model)
         interval.observations.append(seen)
         if not (rests and line.points):
             update.factors.add(seen.factor)
@@ -148,8 +148,7 @@ class LineGraphBuilder:
         update.values.insert(line.key, line.delta)
         for interval, index, sightings in seen:
             self.observe(interval, line, index, sightings, now, update, rests)
-        of_first = first.interval.observations[-1]
-        for factor in new_line_factors(first.interval.node, of_first, self._config, distance):
+        for factor in new_line_factors(first.interval.node, line, self._config, distance):
             update.factors.add(factor)
         return line
 
@@ -193,7 +192,7 @@ class LineGraphBuilder:
         # The marginal on the old variable is linear: what it says of the line is off by the second
         # term of Taylor's series in how far the line has moved since.
         moved = line.delta - line.linearized
-        sigma = max(0.5 * float(moved @ moved), _LEAST_TIE)
+        sigma = max(0.5 * float(moved @ moved), _MIN_REANCHOR_SIGMA)
         noise = noiseModel.Isotropic.Sigma(4, sigma)
         old_key, key, anchor = line.key, L(self._keys_so_far), line.chart.world_T_anchor
         try:

@@ -40,10 +40,8 @@ class LineMap:
     def __init__(self, calibration: Calibration, config: Config, start: Start) -> None:
         self.lines: dict[int, Landmark] = {}
         """By their ids."""
-        self.retired: list[Landmark] = []
-        """Lines that left, until someone takes them."""
-        self.rejected: set[int] = set()
-        """Ids of rejected lines, whose tracks are to be dropped, until someone takes them."""
+        self._retired: list[Landmark] = []
+        self._rejected: set[int] = set()
         # Rejected lines whose factors are still in the graph: where most lines fit no longer, the
         # estimate may be wrong, and they bring it back.
         self._dropped: list[Landmark] = []
@@ -62,12 +60,13 @@ class LineMap:
         intervals: Sequence[Interval],
         now: float,
         update: GraphUpdate,
-        made: Mapping[int, LineObservation],
+        precomputed: Mapping[int, LineObservation],
     ) -> None:
         """Take in what was seen in the newest interval, which ends `now`, s.
 
-        Observations that are `made` were `compared`. While the body rests, all the window long, no
-        parallax shows how far away a new line is: it waits, unless there are none yet.
+        Observations may be there already, of `observations_in`. While the body rests, all the
+        window long, no parallax shows how far away a new line is: it waits, unless there are none
+        yet.
         """
         distance, newest = self.usual_distance(), intervals[-1]
         rests = rests_throughout(intervals)
@@ -80,7 +79,7 @@ class LineMap:
             line = self.lines.get(track.id)
             if line is not None:
                 line.in_view = track.in_view
-                seen, own = newest.seen(track.sightings), made.get(track.id)
+                seen, own = newest.seen(track.sightings), precomputed.get(track.id)
                 self._builder.observe(newest, line, *seen, now, update, rests, own)
             elif not waits and self._is_mature(track, now):
                 try:
@@ -88,17 +87,15 @@ class LineMap:
                         track, intervals, now, update, rests, distance, self.weights.usual
                     )
                 except ImpossibleLineError:
-                    self.rejected.add(track.id)
+                    self._rejected.add(track.id)
                 else:
                     if entered is not None:
                         self.lines[track.id] = entered
 
-    def compared(
+    def observations_in(
         self, interval: Interval, tracks: Iterable[LineTrack]
     ) -> dict[int, LineObservation]:
-        """The lines of the graph, by their ids, with what was seen in an interval that is not in it
-        yet.
-        """
+        """Of the lines of the graph, by their ids, in an interval that is not in the graph yet."""
         known = [track for track in tracks if track.id in self.lines]
         sightings = {track.id: interval.seen(track.sightings) for track in known}
         return {
@@ -171,7 +168,7 @@ class LineMap:
         good, cameras, ends = [], [], []
         for seen in interval.observations:
             line, (frame, last_points) = seen.line, seen.last
-            if seen.factor.spec.keys[-1] != line.key or self.lines.get(line.id) is not line:
+            if seen.factor.spec.line_key != line.key or self.lines.get(line.id) is not line:
                 continue  # it was just re-anchored, or dropped
             fit = line_fit(seen, state, self.model, self._config)
             interval.compared += 1
@@ -189,18 +186,18 @@ class LineMap:
             self._reject(line)
 
     def _reject(self, line: Landmark) -> None:
-        self.rejected.add(line.id)
+        self._rejected.add(line.id)
         self._dropped.append(self.lines.pop(line.id))
 
     def retire(self, before: float) -> None:
         """Lines that were last seen before a time (s) leave."""
         for id_ in [id_ for id_, line in self.lines.items() if line.last_time < before]:
-            self.retired.append(self.lines.pop(id_))
+            self._retired.append(self.lines.pop(id_))
         self._dropped = [line for line in self._dropped if line.last_time >= before]
 
     def reject_all(self) -> None:
         """Go on without lines."""
-        self.rejected |= self.lines.keys()
+        self._rejected |= self.lines.keys()
         self.lines.clear()
         self._dropped.clear()
 
@@ -212,10 +209,10 @@ class LineMap:
 
     def take_retired(self) -> list[Landmark]:
         """Lines that left since the last call."""
-        taken, self.retired = self.retired, []
+        taken, self._retired = self._retired, []
         return taken
 
     def take_rejected(self) -> set[int]:
-        """Ids of the lines rejected since the last call."""
-        taken, self.rejected = self.rejected, set()
+        """Ids of the lines rejected since the last call, whose tracks are to be dropped."""
+        taken, self._rejected = self._rejected, set()
         return taken

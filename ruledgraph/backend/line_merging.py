@@ -20,7 +20,7 @@ The merged line is the information-weighted mean in the chart, as long as both t
 Covariances are those in the world of a trajectory segment, which contain its drift up to the
 sighting, and so its growth from the first sighting to the second. What is common to both counts
 twice: the test errs towards acceptance, and the ellipse grows with the drift, so that lines
-are merged while position and heading are known better than the lines' spacing. Lines of
+are merged while position and yaw are known better than the lines' spacing. Lines of
 different segments stay apart, as the gap between these is in no line's covariance.
 """
 
@@ -122,10 +122,10 @@ class _Merging:
         self._members = [[index] for index in range(len(lines))]
         self._in_map = np.zeros(len(lines), dtype=bool)
         self._left = np.ones(len(lines), dtype=bool)
-        self._most = float(chdtri(4, 1.0 - config.confidence))
+        self._max_chi2 = float(chdtri(4, 1.0 - config.confidence))
         # Of the ellipse pi k^2 sqrt(det S) that holds `confidence` of two coordinates' Gaussian.
         k2 = -2.0 * math.log(1.0 - config.confidence)
-        self._most_det = (config.spacing**2 / (math.pi * k2)) ** 2
+        self._max_det = (config.spacing**2 / (math.pi * k2)) ** 2
 
     def lines(self) -> list[LineEstimate]:
         """The map."""
@@ -134,7 +134,7 @@ class _Merging:
     def order(self) -> list[int]:
         """Lines that can be told from others, the best known first."""
         known = [(self._own_det(index), index) for index in range(len(self._lines))]
-        return [index for det, index in sorted(known) if det < self._most_det]
+        return [index for det, index in sorted(known) if det < self._max_det]
 
     def _own_det(self, index: int) -> float:
         ends, covariance = self._ends[index], self._covariance[index]
@@ -169,7 +169,7 @@ class _Merging:
         b, B = chart.crossings(self._ends[others], self._covariance[others], stations)
         S = A + B + _ROUNDING * np.eye(4)
         chi2 = np.sum((a - b) * np.linalg.solve(S, (a - b)[..., None])[..., 0], axis=1)
-        passed = np.flatnonzero((chi2 <= self._most) & (_mid_det(S) <= self._most_det))
+        passed = np.flatnonzero((chi2 <= self._max_chi2) & (_mid_det(S) <= self._max_det))
         for which in passed[np.argsort(chi2[passed], kind="stable")]:
             if not self._are_beside(chart, index, int(others[which])):
                 return int(others[which])

@@ -9,6 +9,7 @@ from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_distance import usual_distance
 from ruledgraph.backend.line_factors import new_line_factors
 from ruledgraph.backend.rest_factors import rests_throughout
+from ruledgraph.backend.self_calibration import AS_CALIBRATED
 from ruledgraph.backend.states import Interval, StateNode, joint_prior
 from ruledgraph.core.config import Config
 
@@ -33,8 +34,10 @@ def rebuilt(
     factors.add(joint_prior(nodes[0]))
     for node in nodes:
         update.insert(node)
-    for before, interval in zip((None, *intervals), intervals, strict=False):
+    before = AS_CALIBRATED
+    for interval in intervals:
         update.insert_camera(interval, before, config)
+        before = interval.camera
     kept = {id(line): line.inverse_distance() for line in lines}
     distance = usual_distance(kept.values(), config.lines.prior_distance)
     rests = rests_throughout(intervals)
@@ -46,13 +49,13 @@ def rebuilt(
         for seen in interval.observations:
             line = seen.line
             # Factors on the key a line had before it was re-anchored stay out.
-            if id(line) not in kept or line.key != seen.factor.spec.keys[-1]:
+            if id(line) not in kept or line.key != seen.factor.spec.line_key:
                 continue
             if rests and line.key in times:
                 continue  # see `LineGraphBuilder.observe`
             factors.add(seen.factor)
             if line.key not in times:
-                for factor in new_line_factors(interval.node, seen, config.lines, distance):
+                for factor in new_line_factors(interval.node, line, config.lines, distance):
                     factors.add(factor)
                 values.insert(line.key, line.delta)
                 times[line.key] = line.last_time

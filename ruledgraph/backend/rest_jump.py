@@ -5,7 +5,7 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from ruledgraph.backend.bias_jump import JumpTest
 from ruledgraph.backend.states import Interval
@@ -53,5 +53,5 @@ def rest_jump(
         return None
     of_jump = np.linalg.solve(S + J @ by_bias, change)
     ratio = float(np.sum(np.square(np.linalg.solve(root, change))) - change @ of_jump)
-    by_chance = float(chi2.ppf(config.integrity.confidence, len(change)))
+    by_chance = float(chdtri(len(change), 1.0 - config.integrity.confidence))
     return JumpTest(ratio, -by_bias @ of_jump, ratio > by_chance)

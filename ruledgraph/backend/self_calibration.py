@@ -17,7 +17,9 @@ from ruledgraph.core.time_offset import TimeOffset
 
 
 class CameraVariables(NamedTuple):
-    """Those of an interval's frames; None of what is not estimated."""
+    """Those of an interval's frames, which intervals in a row may share; None of what is not
+    estimated.
+    """
 
     time_offset: TimeOffsetState | None = None
     extrinsics: ExtrinsicsState | None = None
@@ -28,16 +30,18 @@ class CameraVariables(NamedTuple):
         """All that there are."""
         return [variable for variable in self if variable is not None]
 
-    def factors(
-        self, before: "CameraVariables | None", config: Config
-    ) -> list[gtsam.NonlinearFactor]:
-        """Ties to the variables of the interval before, or priors if there are none."""
-        earlier = {type(each): each for each in before.estimated} if before else {}
+    def new_since(self, before: "CameraVariables") -> list[CameraVariable]:
+        """The variables that are not shared with the interval before."""
+        return [each for each in self.estimated if each not in before.estimated]
+
+    def factors(self, before: "CameraVariables", config: Config) -> list[gtsam.NonlinearFactor]:
+        """Random walks from the variables of the interval before to the new ones, or priors."""
+        earlier = {type(each): each for each in before.estimated}
         return [
             each.random_walk_factor(earlier[type(each)], config)
             if type(each) in earlier
             else each.prior()
-            for each in self.estimated
+            for each in self.new_since(before)
         ]
 
 
@@ -53,23 +57,38 @@ class SelfCalibration(NamedTuple):
     extrinsics: Extrinsics | None = None
     focal_ratio: FocalRatio | None = None
 
-    def variables(self, index: int, time: float, offset_correction: float) -> CameraVariables:
+    def variables(
+        self,
+        index: int,
+        time: float,
+        offset_correction: float,
+        before: CameraVariables,
+        period: float,
+    ) -> CameraVariables:
         """For the frames after a state, `offset_correction` (s) being added to their times already.
 
         Args:
             index: of the state.
             time: of the state, s.
             offset_correction: see `TimeOffsetState`.
+            before: those of the interval before.
+            period: the setting `window.camera_period`, s.
         """
         offset, at = self.time_offset, (index, time)
+        extrinsics, focal_ratio = before.extrinsics, before.focal_ratio
+        if extrinsics is None or time - extrinsics.time >= period:
+            extrinsics = None if self.extrinsics is None else ExtrinsicsState(*at, *self.extrinsics)
+        if focal_ratio is None or time - focal_ratio.time >= period:
+            ratio = self.focal_ratio
+            focal_ratio = None if ratio is None else FocalRatioState(*at, *ratio)
         return CameraVariables(
             None
             if offset is None
             else TimeOffsetState(
                 *at, offset.value - offset_correction, offset.sigma, offset_correction
             ),
-            None if self.extrinsics is None else ExtrinsicsState(*at, *self.extrinsics),
-            None if self.focal_ratio is None else FocalRatioState(*at, *self.focal_ratio),
+            extrinsics,
+            focal_ratio,
         )
 
     @classmethod

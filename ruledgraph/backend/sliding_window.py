@@ -10,13 +10,13 @@ import numpy as np
 
 from ruledgraph.backend.bias_jump import JumpTest, bias_jump
 from ruledgraph.backend.graph_update import GraphUpdate
-from ruledgraph.backend.imu_intervals import imu_interval, let_jump
+from ruledgraph.backend.imu_intervals import add_bias_jump, imu_interval
 from ruledgraph.backend.innovation import Predictions
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.line_map import LineMap
 from ruledgraph.backend.rest_factors import rest_factors
 from ruledgraph.backend.rest_jump import rest_jump
-from ruledgraph.backend.self_calibration import SelfCalibration
+from ruledgraph.backend.self_calibration import AS_CALIBRATED, SelfCalibration
 from ruledgraph.backend.start import Start
 from ruledgraph.backend.state_sequence import StateSequence
 from ruledgraph.backend.states import Interval, StateNode, add_priors
@@ -125,7 +125,7 @@ class Window:
         tracks: Collection[LineTrack],
         still: bool,
         offset_correction: float = 0.0,
-        jump_limit: float = math.inf,
+        jump_threshold: float = math.inf,
     ) -> None:
         """Add a state at the last of the frames that follow the newest one, with its factors.
 
@@ -136,10 +136,12 @@ class Window:
             tracks: of the lines to be taken in, usually all.
             still: whether the body has rested since the newest state, and for some time.
             offset_correction: what was added to the calibration's time offset in `times`, s.
-            jump_limit: from which likelihood ratio on the biases jump, see `bias_jump`; -inf: they
-                do, whatever the lines show; inf: they do not, nor at rest (`rest_jump`).
+            jump_threshold: from which likelihood ratio on the biases jump, see `bias_jump`; -inf:
+                they do, if any line of known distance was seen; inf: they do not, nor at rest
+                (`rest_jump`).
         """
         before, latest = self.newest, self._states.latest_interval
+        camera = latest.camera if latest else AS_CALIBRATED
         repeats_frame = False
         if latest is not None and not latest.is_reliable and not imu.in_long_hole(before.time):
             repeats_frame = latest.last_is_repeated = True
@@ -152,23 +154,29 @@ class Window:
             imu,
             self._imu_noise,
             self._config.imu.accelerometer_scale_sigma,
-            self.self_calibration.variables(before.index, before.time, offset_correction),
+            self.self_calibration.variables(
+                before.index,
+                before.time,
+                offset_correction,
+                camera,
+                self._config.window.camera_period,
+            ),
             still,
         )
         is_tested = interval.is_reliable and not math.isinf(self.solved)
-        seen = self.line_map.compared(interval, tracks) if is_tested else {}
+        seen = self.line_map.observations_in(interval, tracks) if is_tested else {}
         model, observed = self.line_map.model, list(seen.values())
-        test = bias_jump(interval, observed, model, jump_limit, self._config)
-        if still and is_tested and jump_limit < math.inf and not (test and test.jumped):
+        test = bias_jump(interval, observed, model, jump_threshold, self._config)
+        if still and is_tested and jump_threshold < math.inf and not (test and test.jumped):
             of_rest = rest_jump(interval, imu, self._imu_noise, self._config)
             test = of_rest if of_rest and of_rest.jumped else test
         self.jump_test = test
         if test and test.jumped:
-            let_jump(interval, new, test.jump, imu, self._imu_noise, self._config.start)
+            add_bias_jump(interval, new, test.jump, imu, self._imu_noise, self._config.start)
             self._predictions.restart(new.time)
             seen = {}
         self._update.factors.add(interval.imu_factors[0])
-        self._update.insert_camera(interval, latest, self._config)
+        self._update.insert_camera(interval, camera, self._config)
         self.innovation = None
         if before.time == self.solved:
             self._predictions.begin_at(before)
@@ -205,7 +213,7 @@ class Window:
             self._solver.read_covariance(interval.node)
             gone.append(interval)
             for line, factor, _, _ in interval.observations:
-                line.linearization_frozen |= factor.spec.keys[-1] == line.key
+                line.linearization_frozen |= factor.spec.line_key == line.key
         self.line_map.retire(oldest)
         return gone
 

@@ -37,8 +37,9 @@ class StateNode:
     state: gtsam.NavState
     bias: gtsam.imuBias.ConstantBias
     covariance: FloatArray
-    """Marginal of pose, velocity and bias, (15, 15), as of when the state was new; updated when it
-    leaves the window."""
+    """Marginal of pose, velocity and bias, (15, 15), as of when the state was new; computed anew
+    when it leaves the window, when a start is accepted and when the segment ends. A state at rest
+    that was not solved for has that of the state before it."""
 
     @property
     def covariances(self) -> Covariances:

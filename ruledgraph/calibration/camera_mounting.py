@@ -63,14 +63,14 @@ class CameraMounting:
         """The same without its deviation, 1 when it is not estimated."""
         return self._focal_ratio.value
 
-    def turn(self, body_R_cam: FloatArray) -> None:
+    def set_rotation(self, body_R_cam: FloatArray) -> None:
         """Take another rotation for the calibration's, whose translation may be in other axes."""
         translation = self.calibration.body_T_cam.translation()
         pose = gtsam.Pose3(gtsam.Rot3(body_R_cam), translation)
         self.calibration = dataclasses.replace(self.calibration, body_T_cam=pose)
         self._covariance[3:, 3:] += np.eye(3) * float(translation @ translation)
 
-    def read_rows_within(self, readout: float) -> None:
+    def set_readout(self, readout: float) -> None:
         """Take a rolling shutter's readout, s; the stamps are those of the middle row, which clock
         offsets were found for so far.
         """
@@ -111,8 +111,8 @@ def mounting_warning(
     if sigma > config.settled_sigma or angle < config.warn_rotation:
         return None
     return (
-        f"the camera is turned by {np.degrees(angle):.1f} deg (deviation {np.degrees(sigma):.1f} "
-        "deg) from where the calibration has it on the IMU: correct T_cam_imu"
+        f"the camera is turned by {np.degrees(angle):.1f} ± {np.degrees(sigma):.1f} deg from "
+        "where the calibration has it on the IMU: correct T_cam_imu"
     )
 
 
@@ -122,6 +122,6 @@ def focal_warning(found: FocalRatio, config: IntrinsicsConfig) -> str | None:
     if found.sigma > config.settled_sigma or abs(change) < config.warn_change:
         return None
     return (
-        f"the focal length is {100.0 * abs(change):.1f} % (deviation {100.0 * found.sigma:.1f} %) "
+        f"the focal length is {100.0 * abs(change):.1f} ± {100.0 * found.sigma:.1f} % "
         f"{'longer' if change > 0.0 else 'shorter'} than the calibration's: correct intrinsics"
     )

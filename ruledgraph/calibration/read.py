@@ -14,7 +14,7 @@ from ruledgraph.calibration.section import NOISE_KEYS, CalibrationError, Section
 from ruledgraph.calibration.sensors import (
     ADIS16448_LIKE,
     D435I_LIKE,
-    LEAST_NOISE,
+    MIN_NOISE,
     Calibration,
     CameraModel,
     ImuNoise,
@@ -194,7 +194,7 @@ def _imu_noise(sources: _Sources) -> ImuNoise:
             raise sources.imu.error(key, f"is missing; add it, or take typical figures: {flags}")
         if sources.imu.some_numbers(key, 1)[0] == 0.0:
             raise sources.imu.error(key, "= 0 is no noise figure, give a positive one")
-        figures[name] = sources.imu.number(key, LEAST_NOISE, _LARGEST_NOISE)
+        figures[name] = sources.imu.number(key, MIN_NOISE, _LARGEST_NOISE)
     return ImuNoise(**figures)
 
 

@@ -32,7 +32,7 @@ _COEFFICIENTS: dict[str, tuple[int, ...]] = {
 # Newton's iteration on the distortion stops here (normalised units, 1e-7 px at 1,000 px focal
 # length) or gives up after so many steps.
 _CONVERGED = 1e-10
-_MOST_STEPS = 50
+_MAX_STEPS = 50
 
 
 class Distorted(NamedTuple):
@@ -155,7 +155,7 @@ class CameraModel:
             xy = unproject(self.distortion, target, self.coefficients)
         scale = np.array([self.fx, self.fy])
         error = np.full_like(uv, np.inf)
-        for _ in range(_MOST_STEPS):
+        for _ in range(_MAX_STEPS):
             distorted = self.distort(xy)
             error = (distorted.pixels - uv) / scale
             if np.nanmax(np.abs(error), initial=0.0) < _CONVERGED:
@@ -216,7 +216,7 @@ def _equidistant(xy: FloatArray, coefficients: tuple[float, ...]) -> tuple[Float
     return xy * scale[:, None], jacobian
 
 
-LEAST_NOISE = 1e-12
+MIN_NOISE = 1e-12
 """Of any noise figure, in its SI unit. The best gyroscopes have 1e-8 rad/s/sqrt(Hz); squares of
 less are lost beside those of the lines."""
 
@@ -236,9 +236,9 @@ class ImuNoise:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not LEAST_NOISE <= value < np.inf:
+            if not MIN_NOISE <= value < np.inf:
                 raise RuledgraphError(
-                    f"IMU noise figure {name} = {value} is not from {LEAST_NOISE:g} on"
+                    f"IMU noise figure {name} = {value} is not from {MIN_NOISE:g} on"
                 )
 
     def at_least(self, accelerometer: float, gyroscope: float) -> "ImuNoise":

@@ -44,8 +44,6 @@ class LinesConfig(Section):
     """A line whose inverse distance is so many standard deviations below zero is rejected."""
     reanchor_change: float = number(0.1, "", 1e-6, 1e3)
     """A line moved so far (chart coordinates, rad) from its linearisation gets a new variable."""
-    new_plane_sigma: float = number(0.05, "rad", 1e-4, 1.0)
-    """Deviation of a new line's points in the loose factor that holds its plane."""
     prior_distance: float = number(3.0, "m", 0.01, 1e4)
     """Distance of a line from the camera, before any is known; it counts as one line's among those
     that are known, whose geometric mean a new one is expected at."""
@@ -80,6 +78,9 @@ class WindowConfig(Section):
     """Length of the window; what leaves it is linearized for good. The longer, the more accurate
     and the slower: in random parts of recordings 4 s leave 0.9 (live) and 0.8 (smoothed) of the
     error of 2.5 s, in 1.3 times the time. The paper's is 1.55 s (140 frames at 90 fps)."""
+    camera_period: float = number(1.0, "s", 0.0, 60.0)
+    """For so long the camera's pose in the body and its focal length count as constant: they hardly
+    change in a second, and every variable costs time."""
     updates: int = number(1, "", 0, 20)
     """Further iSAM2 updates at most, at states that are not where the IMU predicted them."""
     step_position: float = number(0.003, "m", 0.0, 10.0)
@@ -141,11 +142,11 @@ class IntegrityConfig(Section):
     """Status and covariances of estimates, and when a segment ends."""
 
     max_speed: float = number(50.0, "m/s", 0.1, 1e3)
-    """A faster estimate has run away."""
+    """A faster estimate has diverged."""
     max_gyroscope_bias: float = number(0.5, "rad/s", 1e-3, 10.0)
-    """An estimate with a larger bias has run away."""
+    """An estimate with a larger bias has diverged."""
     max_accelerometer_bias: float = number(3.0, "m/s^2", 1e-2, 100.0)
-    """An estimate with a larger bias has run away."""
+    """An estimate with a larger bias has diverged."""
     tracking_velocity_sigma: float = number(0.05, "m/s", 1e-3, 10.0)
     """An estimate is called `tracking` while the standard deviation of its velocity is below this
     along every axis: three of them are a tenth of a walk ..."""
@@ -228,9 +229,9 @@ class RestConfig(Section):
     """An estimate that moves so far at rest is worth a warning."""
 
     @property
-    def open_time(self) -> float:
-        """How long it may be open whether a rest that the IMU denies goes on, s: twice as long as
-        the IMU needs to show one.
+    def max_undecided_time(self) -> float:
+        """How long it may be undecided whether a rest that the IMU denies goes on, s: twice as long
+        as the IMU needs to show one.
         """
         return 2.0 * self.duration
 

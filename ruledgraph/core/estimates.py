@@ -23,8 +23,8 @@ def blocks(covariance: FloatArray) -> Covariances:
 
 class Innovation(NamedTuple):
     """How far the images, or a rest, moved a state from where the IMU alone carries the state of
-    one window before, or of the segment's beginning, or 2.5 s after the biases' last jump, if that
-    is later.
+    `integrity.innovation_span` before, or the segment's first one, or the first one that long after
+    the biases' last jump, whichever is the latest.
     """
 
     nis: float
@@ -66,7 +66,8 @@ class Estimate:
     """t_imu - t_cam, s, as of the last state; sigma 0 where it is not estimated."""
     innovation: Innovation | None = None
     """Of a state when it was new; None of other frames, of a segment's first state, of smoothed
-    estimates, of states at rest that were not solved for, and for 2.5 s after the biases jumped."""
+    estimates, of states at rest that were not solved for, and for `integrity.innovation_span` after
+    the biases jumped."""
 
     @property
     def time(self) -> float:

@@ -39,17 +39,17 @@ class EdgesConfig(Section):
     station_distance_px: float = number(2.0, "px", 0.5, 50.0)
     """Distance between the places along a ruling (stations) where edge points are looked for: what
     the image's smoothing leaves of independent noise, and enough points on the shortest line."""
-    most_stations: int = number(80, "", 10, 1000)
+    max_stations: int = number(80, "", 10, 1000)
     """Stations of a ruling at most: a long one has them further apart."""
-    fewest_points: int = number(8, "", 3, 100)
+    min_points: int = number(8, "", 3, 100)
     """Fewer edge points are no line."""
-    least_support: float = number(0.35, "", 0.0, 1.0)
+    min_support: float = number(0.35, "", 0.0, 1.0)
     """Share of the stations inside the image that must have a point."""
-    least_extent: float = number(0.1, "", 0.0, 1.0)
+    min_extent: float = number(0.1, "", 0.0, 1.0)
     """Share of the ruling's length that the points must cover."""
-    least_slope: float = number(1.5, "grey/px", 0.1, 100.0)
+    min_slope: float = number(1.5, "grey/px", 0.1, 100.0)
     """Smallest slope across an edge: seven times what pixel noise of 1.5 grey levels leaves."""
-    least_slope_share: float = number(0.3, "", 0.0, 1.0)
+    min_slope_share: float = number(0.3, "", 0.0, 1.0)
     """How much weaker than the line usually is a point may be."""
     stripe_angle: float = number(0.011, "rad", 0.0, 0.1)
     """An edge with one of the other polarity within this angle bounds a thin stripe and is left

@@ -13,7 +13,7 @@ class Output:
 
     def __init__(self) -> None:
         self.warnings = Messages()
-        self.recoveries = Messages()
+        self.recoveries: list[str] = []
         self.timings = Timings()
         """How long each stage took."""
         self._live: list[Estimate] = []

@@ -80,11 +80,11 @@ class ImuConfig(Section):
     gravity: float = number(9.81, "m/s^2", 0.1, 100.0)
     """Magnitude of gravity where the recording is made: 9.780 at the equator, 9.832 at the poles.
     The accelerometer's bias takes up most of what it is off by."""
-    least_accelerometer_noise: float = number(0.01, "m/s^2/sqrt(Hz)", 0.0, 10.0)
+    min_accelerometer_noise: float = number(0.01, "m/s^2/sqrt(Hz)", 0.0, 10.0)
     """White noise of an accelerometer in motion: no less is assumed, whatever the calibration says.
     Scale factors, misalignment and vibration are not in the figures of an IMU at rest. Kalibr's
     example has this for an ADIS16448, whose data sheet says 0.0023. 0: as the calibration says."""
-    least_gyroscope_noise: float = number(5e-4, "rad/s/sqrt(Hz)", 0.0, 10.0)
+    min_gyroscope_noise: float = number(5e-4, "rad/s/sqrt(Hz)", 0.0, 10.0)
     """The same of a gyroscope, three times its data sheet's figure."""
     accelerometer_scale_sigma: float = number(0.01, "", 0.0, 0.2)
     """Standard deviation of the accelerometer's scale factors and of the angles (rad) between its
@@ -103,8 +103,8 @@ class ImuConfig(Section):
     """The same of the specific force."""
     long_hole: float = number(0.2, "s", 1e-3, 10.0)
     """Where that is reached; in a shorter hole it is less by the square of its length."""
-    hang_repeats: int = number(4, "", 1, 1000)
-    """A reading repeated so often, to the last bit, is that of an IMU that hangs, unless the image
+    frozen_repeats: int = number(4, "", 1, 1000)
+    """A reading repeated so often, to the last bit, is that of a frozen IMU, unless the image
     rests."""
     silent_time: float = number(1.0, "s", 0.1, 60.0)
     """When camera or IMU are so far behind the other one, they are waited for."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ruledgraph.core.errors import RuledgraphError
 
 # Digits before the point of the largest stamp, 2^63 ns.
-_MOST_DIGITS = {"s": 10, "ns": 19}
+_MAX_DIGITS = {"s": 10, "ns": 19}
 
 
 class TableError(RuledgraphError):
@@ -72,7 +72,7 @@ def _nanoseconds(text: str, unit: str) -> int:
     except InvalidOperation:
         raise ValueError from None
     # Before any arithmetic: an exponent can make it as long as memory.
-    if not value.is_finite() or value.adjusted() >= _MOST_DIGITS[unit]:
+    if not value.is_finite() or value.adjusted() >= _MAX_DIGITS[unit]:
         raise ValueError
     return int((value.scaleb(9) if unit == "s" else value).to_integral_value())
 

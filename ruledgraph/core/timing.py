@@ -13,7 +13,7 @@ from contextlib import contextmanager
 # Bins of the histogram differ by this ratio, from this many s on.
 _RATIO, _SHORTEST = 1.02, 1e-7
 # Messages that are kept of a run; the rest are counted.
-_MOST_MESSAGES = 200
+_MAX_MESSAGES = 200
 _FIGURES = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
 
 _log = logging.getLogger("ruledgraph")
@@ -103,7 +103,7 @@ class Messages(list[str]):
     def counted(self, kind: str, message: str) -> None:
         """Append the first message of a kind, and how often it came when it comes again."""
         if kind not in self._counts:
-            if len(self) >= _MOST_MESSAGES:
+            if len(self) >= _MAX_MESSAGES:
                 self.left_off += 1
                 return
             self._counts[kind] = len(self), 0, message

@@ -14,27 +14,22 @@ from ruledgraph.calibration.sensors import Calibration, CameraModel, ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import DEFAULTS
 from ruledgraph.core.measurements import Frame, ImuSample
+from ruledgraph.diagnostics.finding import Finding
+from ruledgraph.diagnostics.timing_check import examine_timing
 from ruledgraph.imu.rest import imu_rests
 
 _GRAVITY = 9.81
-# Hz; below these the motion between two measurements is guessed.
-_LEAST_RATES = {"camera": 10.0, "IMU": 100.0}
-_NEARLY = 0.98
 # Fewer measurements are not judged.
 _ENOUGH = {"camera": 20, "IMU": 200}
-# A step this much longer than the usual one is a loss; more losses than this share are too many.
-_LOSS, _MOST_LOST = 1.6, 0.02
-# Standard deviation of the steps that is still regular, of the usual step.
-_REGULAR = 0.25
 # Readings in a row that are the same to the last bit, or at the largest value of their axis.
-_HANGS, _SATURATES = 8, 4
+_FROZEN, _SATURATES = 8, 4
 # Noise at rest is looked at where the body rests for so long, s.
 _REST = 1.0
 # m/s^2; what gravity may be off by at rest.
 _GRAVITY_ERROR = 0.3
 _LARGE_GYROSCOPE_BIAS = 0.1
 # m/s^2; a camera that is carried or flown shows more.
-_LEAST_MOTION = 0.3
+_MIN_MOTION = 0.3
 # Noise at rest beyond what the calibration says, and far below it.
 _NOISIER, _QUIETER = 3.0, 1.0 / 50.0
 # Of the focal length, in widths of the image; of the principal point, from the middle.
@@ -45,15 +40,6 @@ _MODELS_DIFFER = 0.01
 _PLACES = (12, 9)
 # Noise densities of IMUs that are sold: rad/s/sqrt(Hz), m/s^2/sqrt(Hz).
 _DENSITIES = {"gyroscope": (3e-6, 2e-2), "accelerometer": (2e-5, 2e-1)}
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that was looked at."""
-
-    good: bool
-    text: str
-    """What was found and, where it is not good, what to do."""
 
 
 @dataclass
@@ -100,7 +86,7 @@ class Observations:
 
 
 def examine(seen: Observations, noise: ImuNoise | None = None) -> Iterator[Finding]:
-    """What the measurements show: rates, losses, hanging and saturated sensors, rest and motion.
+    """What the measurements show: rates, losses, frozen and saturated sensors, rest and motion.
 
     Args:
         seen: of the whole recording.
@@ -108,7 +94,7 @@ def examine(seen: Observations, noise: ImuNoise | None = None) -> Iterator[Findi
     """
     for name, stamps in (("camera", seen.frame_stamps), ("IMU", seen.imu_stamps)):
         if len(stamps) >= _ENOUGH[name]:
-            yield from _timing(name, seen.times(stamps))
+            yield from examine_timing(name, seen.times(stamps))
     if len(seen.imu_stamps) < _ENOUGH["IMU"]:
         return
     times, imu = seen.times(seen.imu_stamps), seen.imu
@@ -116,45 +102,14 @@ def examine(seen: Observations, noise: ImuNoise | None = None) -> Iterator[Findi
     yield from _motion(times, imu, noise)
 
 
-def _timing(name: str, times: FloatArray) -> Iterator[Finding]:
-    steps = np.diff(times)
-    usual = float(np.median(steps))
-    rate = 1.0 / usual
-    if rate < _NEARLY * _LEAST_RATES[name]:
-        least = f"{_LEAST_RATES[name]:.0f} Hz"
-        yield Finding(False, f"the {name} runs at {rate:.3g} Hz; record at {least} at the least")
-    kept = steps[steps < _LOSS * usual]
-    lost = int(np.round(steps[steps >= _LOSS * usual] / usual - 1.0).sum())
-    jitter = float(kept.std()) / usual if len(kept) else 0.0
-    share = lost / (lost + len(times))
-    if share > _MOST_LOST:
-        yield Finding(
-            False,
-            f"{share:.0%} of the {name}'s measurements are missing; record fewer topics, "
-            "uncompressed, to a faster disk",
-        )
-    if jitter > _REGULAR:
-        yield Finding(
-            False,
-            f"the {name}'s stamps are {jitter:.0%} of a step uneven; are they times of arrival? "
-            "Record with the sensor's own clock",
-        )
-    if share <= _MOST_LOST and jitter <= _REGULAR:
-        yield Finding(
-            True,
-            f"the {name}'s stamps come every {1e3 * usual:.3g} ms, even to {1e3 * kept.std():.2g} "
-            f"ms; {lost} missing",
-        )
-
-
 def _ranges(imu: FloatArray) -> Iterator[Finding]:
     same = np.all(imu[1:] == imu[:-1], axis=1)
-    hanging = _longest_run(same) + 1
-    if hanging > _HANGS:
+    frozen = _longest_run(same) + 1
+    if frozen > _FROZEN:
         yield Finding(
             False,
-            f"the IMU gives the same reading {hanging} times in a row: it hung, is padded, or is "
-            "simulated without noise",
+            f"the IMU gives the same reading {frozen} times in a row: it was frozen, is padded, or "
+            "is simulated without noise",
         )
     for columns, sensor, unit in (
         (slice(0, 3), "gyroscope", "rad/s"),
@@ -165,7 +120,7 @@ def _ranges(imu: FloatArray) -> Iterator[Finding]:
             ends = (sign * values).max(axis=0)
             runs = [_longest_run(sign * values[:, i] == ends[i]) for i in range(3)]
             axis = int(np.argmax(runs))
-            if runs[axis] >= _SATURATES and not hanging > _HANGS:
+            if runs[axis] >= _SATURATES and not frozen > _FROZEN:
                 yield Finding(
                     False,
                     f"the {sensor}'s {'xyz'[axis]} stays at {sign * ends[axis]:.4g} {unit} for "
@@ -178,7 +133,7 @@ def _motion(times: FloatArray, imu: FloatArray, noise: ImuNoise | None) -> Itera
     forces = imu[:, 3:]
     moving = float(np.linalg.norm(forces - forces.mean(axis=0), axis=1).max())
     still = float(np.mean(resting))
-    if moving < _LEAST_MOTION or still > 0.99:
+    if moving < _MIN_MOTION or still > 0.99:
         yield Finding(
             False,
             f"it hardly moves: the specific force changes by {moving:.2g} m/s^2 at most; without "

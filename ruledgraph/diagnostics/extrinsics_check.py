@@ -12,13 +12,13 @@ import numpy as np
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import StartConfig
 from ruledgraph.core.measurements import Frame, ImuSample, Measurement
-from ruledgraph.diagnostics.checks import Finding
+from ruledgraph.diagnostics.finding import Finding
 from ruledgraph.diagnostics.readout_check import compare_readout
 from ruledgraph.initialization.clock_offset import ClockOffsetFinder, covered, fit_offset
 from ruledgraph.initialization.mounting_check import check_mounting
 from ruledgraph_factors import ImuSamples
 
-_MOST_PAIRS = 80
+_MAX_PAIRS = 80
 # An offset is told when it is significant, standard deviations, and large enough to matter, s.
 _SIGNIFICANT, _LARGE = 3.0, 0.005
 
@@ -35,7 +35,7 @@ def examine_turning(
     origin: int | None = None
     times, readings = [], []
     bias_sigma = StartConfig().gyroscope_bias
-    finder = ClockOffsetFinder(calibration, bias_sigma, _MOST_PAIRS)
+    finder = ClockOffsetFinder(calibration, bias_sigma, _MAX_PAIRS)
     camera = calibration.camera
     for m in measurements:
         if isinstance(m, ImuSample):
@@ -43,7 +43,7 @@ def examine_turning(
             times.append((m.stamp - origin) * 1e-9)
             readings.append(np.concatenate([m.gyroscope, m.accelerometer]))
         elif isinstance(m, Frame) and origin is not None:
-            if m.image.shape != (camera.height, camera.width) or finder.count >= _MOST_PAIRS:
+            if m.image.shape != (camera.height, camera.width) or finder.count >= _MAX_PAIRS:
                 break
             finder.add_image((m.stamp - origin) * 1e-9, m.image)
     if len(times) < 2:
@@ -70,7 +70,7 @@ def examine_turning(
     if change > max(_SIGNIFICANT * found.sigma, _LARGE):
         yield Finding(
             False,
-            f"the images fit the gyroscope best {1e3 * found.value:.1f} ms later (standard "
-            f"deviation {1e3 * found.sigma:.1f} ms), the calibration says "
+            f"the images fit the gyroscope best {1e3 * found.value:.1f} ± "
+            f"{1e3 * found.sigma:.1f} ms later, the calibration says "
             f"{1e3 * calibration.time_offset:.0f} ms; write timeshift_cam_imu: {found.value:.4f}",
         )

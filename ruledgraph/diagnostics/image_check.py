@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from ruledgraph.core.config import DEFAULTS
-from ruledgraph.diagnostics.checks import Finding
+from ruledgraph.diagnostics.finding import Finding
 from ruledgraph.frontend.line_detection import DETECTORS
 from ruledgraph.recording.images import Grey
 
 # Segments; the images of rooms and halls hold dozens, two lines are needed at any time.
-_FEWEST = 6
+_MIN_SEGMENTS = 6
 
 
 def examine_image(image: Grey) -> Iterator[Finding]:
@@ -24,7 +24,7 @@ def examine_image(image: Grey) -> Iterator[Finding]:
     text = (
         f"an image at the beginning has {count} straight edges of {edges.min_length:g} px or more"
     )
-    if count >= _FEWEST:
+    if count >= _MIN_SEGMENTS:
         yield Finding(True, text)
         return
     yield Finding(

@@ -17,13 +17,13 @@ from ruledgraph.calibration.sensors import D435I_LIKE, Calibration, CameraModel,
 from ruledgraph.core.measurements import Gap
 from ruledgraph.core.new_folder import check_empty
 from ruledgraph.diagnostics.checks import (
-    Finding,
     Observations,
     examine,
     examine_calibration,
     examine_camera_info,
 )
 from ruledgraph.diagnostics.extrinsics_check import examine_turning
+from ruledgraph.diagnostics.finding import Finding
 from ruledgraph.diagnostics.image_check import examine_image
 from ruledgraph.diagnostics.readout_check import examine_readout
 from ruledgraph.diagnostics.timing_plot import draw_timing

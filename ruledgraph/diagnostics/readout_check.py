@@ -8,7 +8,7 @@ import numpy as np
 
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.diagnostics.checks import Finding
+from ruledgraph.diagnostics.finding import Finding
 from ruledgraph.initialization.image_rotation import PointPairs
 from ruledgraph.initialization.readout import estimated_readout
 from ruledgraph_factors import ImuSamples
@@ -48,8 +48,8 @@ def compare_readout(
     line_delay = calibration.with_readout(found.value).line_delay
     yield Finding(
         False,
-        f"the images fit the gyroscope best with rows read within {1e3 * found.value:.0f} ms "
-        f"(standard deviation {1e3 * found.sigma:.0f} ms), the calibration says "
+        f"the images fit the gyroscope best with rows read within {1e3 * found.value:.0f} ± "
+        f"{1e3 * found.sigma:.0f} ms, the calibration says "
         f"{1e3 * calibration.readout:.0f} ms; try --readout {found.value:.3f}, or write "
         f"line_delay: {line_delay:.2e}",
     )

@@ -17,7 +17,7 @@ from ruledgraph.core.new_folder import new_folder
 from ruledgraph.core.trajectory import Trajectory, seconds
 from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.evaluation.matching import (
-    FEWEST_POSES,
+    MIN_POSES,
     EvaluationError,
     alignment,
     covered,
@@ -176,7 +176,7 @@ def compare(
         theirs, ours = sync.associate_trajectories(theirs, ours, max_diff=tolerance)
     except EvoException:
         ours = theirs = None
-    if ours is None or ours.num_poses < FEWEST_POSES:
+    if ours is None or ours.num_poses < MIN_POSES:
         raise EvaluationError(
             f"{0 if ours is None else ours.num_poses} poses have a partner within {tolerance} s: "
             f"{covered(estimate, reference)}; widen --tolerance, or compare the same recording"

@@ -11,7 +11,7 @@ from ruledgraph.evaluation.ground_truth import GroundTruth
 
 # Ground truth is interpolated between samples this close together, s.
 _LONGEST_STEP = 0.5
-FEWEST_POSES = 3
+MIN_POSES = 3
 """A trajectory of fewer poses cannot be aligned."""
 
 
@@ -29,7 +29,7 @@ def matched(estimate: Trajectory, reference: GroundTruth) -> tuple[Trajectory, G
     after = np.clip(np.searchsorted(stamps, estimate.stamps, side="left"), 1, len(stamps) - 1)
     inside = (estimate.stamps >= stamps[0]) & (estimate.stamps <= stamps[-1])
     inside &= (stamps[after] - stamps[after - 1]) * 1e-9 <= _LONGEST_STEP
-    if inside.sum() < FEWEST_POSES:
+    if inside.sum() < MIN_POSES:
         raise EvaluationError(
             f"{inside.sum()} of {len(estimate)} poses have ground truth at their time: "
             + covered(estimate, reference)

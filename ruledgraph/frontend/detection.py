@@ -15,7 +15,7 @@ from ruledgraph.frontend.row_motion import RowMotion
 from ruledgraph.frontend.tracker import Tracker
 
 # No more frames than this are searched ahead, to bound the memory.
-_MOST_PREFETCHED = 8
+_MAX_PREFETCHED = 8
 
 
 class _Schedule(NamedTuple):
@@ -47,7 +47,7 @@ class Detection:
         self._search: _Search | None = None
         self._last = -math.inf
         self._schedule: _Schedule | None = None
-        self._prefetched = PrefetchCache[Future[FloatArray]](_MOST_PREFETCHED, Future.cancel)
+        self._prefetched = PrefetchCache[Future[FloatArray]](_MAX_PREFETCHED, Future.cancel)
         self._seen = 0
 
     def is_due(self, time: float, every: float) -> bool:

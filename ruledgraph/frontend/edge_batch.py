@@ -19,12 +19,12 @@ from ruledgraph_factors import GeometricPoints
 
 SEARCH_SETTINGS = (
     "station_distance_px",
-    "most_stations",
-    "fewest_points",
-    "least_support",
-    "least_extent",
-    "least_slope",
-    "least_slope_share",
+    "max_stations",
+    "min_points",
+    "min_support",
+    "min_extent",
+    "min_slope",
+    "min_slope_share",
     "stripe_px",
     "stripe_share",
     "vote_px",
@@ -37,7 +37,7 @@ SEARCH_SETTINGS = (
 """Those of `EdgesConfig` that the native search takes."""
 # A segment that extends less than this along an axis runs along the other one; a smaller share of
 # one in view is none.
-_LEVEL, _LEAST_PART = 1e-12, 1e-6
+_LEVEL, _MIN_PART = 1e-12, 1e-6
 
 
 class Rulings(NamedTuple):
@@ -211,6 +211,6 @@ def clip_in_numpy(
     enter = np.where(level, np.where(between, 0.0, np.inf), np.minimum(a, b))
     leave = np.where(level, 1.0, np.maximum(a, b))
     first, last = enter.max(axis=1).clip(min=0.0), leave.min(axis=1).clip(max=1.0)
-    visible = last - first > _LEAST_PART
+    visible = last - first > _MIN_PART
     parts = np.stack([start + first[:, None] * along, start + last[:, None] * along], axis=1)
     return np.where(visible[:, None, None], parts, ends), visible

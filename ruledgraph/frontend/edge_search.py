@@ -92,13 +92,13 @@ def search(
         beyond: how far past both ends to look, as a share of the segment's length.
         config: of edge points.
     """
-    spacing, fewest, stripe = config.station_distance_px, config.fewest_points, config.stripe_px
+    spacing, fewest, stripe = config.station_distance_px, config.min_points, config.stripe_px
     ends, normal = ruling.ends, normal_of(ruling.ends)
     border = camera.distort(ends)
     length = float(np.linalg.norm(border.pixels[1] - border.pixels[0]))
     if not (spacing * fewest < length < 4.0 * (camera.width + camera.height)):
         return None
-    count = int(min(length * (1.0 + 2.0 * beyond) / spacing, config.most_stations)) + 1
+    count = int(min(length * (1.0 + 2.0 * beyond) / spacing, config.max_stations)) + 1
     along = np.linspace(-beyond, 1.0 + beyond, count)
     stations = ends[0] + along[:, None] * (ends[1] - ends[0])
     direction = np.broadcast_to(ends[1] - ends[0], stations.shape)
@@ -123,7 +123,7 @@ def search(
     steps = np.arange(-half - 1 - stripe, half + 2 + stripe)
     at = pixels[:, None] + steps[:, None] * across[:, None]
     slopes = gradient.along(at, across[:, None]) * np.float32(np.sign(ruling.slope))
-    least = max(config.least_slope, config.least_slope_share * abs(ruling.slope))
+    least = max(config.min_slope, config.min_slope_share * abs(ruling.slope))
     station, offset, height = _maxima(slopes, steps, least, config)
     position = along[station]
     near = np.abs(offset) <= 3.0 * (sigma[0] + (sigma[1] - sigma[0]) * position) + 1.0
@@ -133,7 +133,7 @@ def search(
 
     line, ambiguous = _vote(position, offset, sigma, config)
     chosen = _inliers(station, position, offset, line, config)
-    if len(chosen) < max(fewest, config.least_support * len(along)):
+    if len(chosen) < max(fewest, config.min_support * len(along)):
         return None
     station, offset, position = station[chosen], offset[chosen], position[chosen]
     found = camera.undistort(pixels[station] + offset[:, None] * across[station], stations[station])
@@ -216,7 +216,7 @@ def _inliers(
         first[1:] = station[order][1:] != station[order][:-1]
         chosen = order[first]
         chosen = chosen[residual[chosen] < tolerance]
-        if len(chosen) < config.fewest_points or np.ptp(s[chosen]) < 2.0 * config.least_extent:
+        if len(chosen) < config.min_points or np.ptp(s[chosen]) < 2.0 * config.min_extent:
             return chosen[:0]
         a, b = fit_line(s[chosen], offset[chosen])
     return np.asarray(chosen)

@@ -21,7 +21,7 @@ from ruledgraph.frontend.ruling_prediction import CameraMotion, predict
 from ruledgraph.frontend.tracker import Tracker
 
 # Gradients, of eight times the memory of an image, are computed of so many frames ahead at most.
-_MOST_GRADIENTS = 32
+_MAX_GRADIENTS = 32
 
 
 class Predicted(NamedTuple):
@@ -47,7 +47,7 @@ class FrontEnd:
         self._config = tracks
         self._timings = timings
         self._detection = Detection(self.tracker, DETECTORS[edges.detector])
-        self._gradients = PrefetchCache[Gradient](_MOST_GRADIENTS)
+        self._gradients = PrefetchCache[Gradient](_MAX_GRADIENTS)
 
     def prefetch(self, frame: Frame) -> None:
         """Compute of a frame to come what it will need; from another thread, in order."""
@@ -55,10 +55,10 @@ class FrontEnd:
             self._gradients.put(frame, Gradient(frame.image))
         self._detection.prefetch(frame)
 
-    def undistort_by(self, camera: CameraModel) -> None:
+    def set_camera(self, camera: CameraModel) -> None:
         """Undistort points by this camera from now on, whose focal length is the same."""
         if camera is not self.tracker.camera:
-            self.tracker.undistort_by(camera)
+            self.tracker.set_camera(camera)
 
     def start_tracks(self) -> None:
         """Start tracks on the segments found in the frame before, if they were looked for."""

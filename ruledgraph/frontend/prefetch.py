@@ -26,12 +26,12 @@ class PrefetchCache(Generic[T]):
     One thread puts them in, the other takes them out. What it passes over is thrown away.
 
     Args:
-        most: frames at a time.
+        capacity: in frames.
         discard: called with each value that is not used.
     """
 
-    def __init__(self, most: int, discard: Callable[[T], object] = lambda _: None) -> None:
-        self._most = most
+    def __init__(self, capacity: int, discard: Callable[[T], object] = lambda _: None) -> None:
+        self._capacity = capacity
         self._discard = discard
         self._entries: dict[int, _Entry[T]] = {}
 
@@ -41,7 +41,7 @@ class PrefetchCache(Generic[T]):
     @property
     def full(self) -> bool:
         """Whether there are as many as there may be."""
-        return len(self) >= self._most
+        return len(self) >= self._capacity
 
     def put(self, frame: Frame, value: T) -> None:
         """Keep a value of a frame."""
@@ -55,7 +55,7 @@ class PrefetchCache(Generic[T]):
             self._discard(self._entries.pop(stamp).value)
         if entry is None:
             return None
-        # A frame that hangs is replaced by a black one of its stamp.
+        # A frame of a frozen camera is replaced by a black one of its stamp.
         if entry.image is not frame.image:
             self._discard(entry.value)
             return None

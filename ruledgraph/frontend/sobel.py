@@ -43,7 +43,7 @@ def search_sobel(
         ruling: the prediction; its uncertainty and polarity are not used.
         config: tau (`gate`), and how many points are a line.
     """
-    gate, fewest = config.gate, config.fewest_points
+    gate, fewest = config.gate, config.min_points
     along_px = camera.distort(ruling.ends).pixels
     length = float(np.linalg.norm(along_px[1] - along_px[0]))
     if not (fewest <= length < 4.0 * (camera.width + camera.height)):
@@ -72,7 +72,7 @@ def search_sobel(
     pixels, station, offsets = pixels[order], station[order], offsets[order]
     seen, middles = _mean_by_station(station, offsets)
     support = len(seen) / len(positions)
-    if len(seen) < fewest or support < config.least_support:
+    if len(seen) < fewest or support < config.min_support:
         return None
     points = camera.undistort(pixels.astype(np.float64), stations[station])
     if not np.isfinite(points).all():

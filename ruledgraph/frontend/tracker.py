@@ -52,9 +52,9 @@ class Tracker:
         self._max_rms = max_rms[edges.points]
         self._time = self._elapsed = 0.0  # of the last frame, and since the one before it, s
         self.starter = TrackStarter(camera, edges, config, self._max_rms)
-        self.undistort_by(camera)
+        self.set_camera(camera)
 
-    def undistort_by(self, camera: CameraModel) -> None:
+    def set_camera(self, camera: CameraModel) -> None:
         """Undistort points by this camera from now on, whose focal length is the same."""
         self.camera = self.starter.camera = camera
         self._low, self._high = _field_of_view(camera)

@@ -22,8 +22,8 @@ _REPEATS_KEPT = 2.0
 class ImuBuffer:
     """Samples in order of time (s), appended one by one and forgotten from the front.
 
-    Readings of an IMU that hangs are no samples. Whether it does shows only later: a reading that
-    is the same as the one before is held back until another one comes.
+    Repeated readings of a frozen IMU are not used. Whether it is frozen shows only later: a reading
+    that is the same as the one before is held back until another one comes.
     """
 
     def __init__(self, config: ImuConfig = DEFAULTS.imu) -> None:
@@ -42,27 +42,27 @@ class ImuBuffer:
         """Add a sample; one that is not later than the last is ignored.
 
         Returns:
-            How long the IMU hung before it, s.
+            How long the IMU was frozen before it, s.
         """
-        hung, self.range_message = 0.0, ""
+        frozen, self.range_message = 0.0, ""
         if time <= (self._repeats or self._times or [-np.inf])[-1]:
-            return hung
+            return frozen
         value = np.concatenate([gyroscope, accelerometer])
         if self._values and (value == self._values[-1]).all():
-            if self.hangs_for > _REPEATS_KEPT:
+            if self.frozen_for > _REPEATS_KEPT:
                 self._repeats.pop()
             self._repeats.append(time)
-            return hung
-        if len(self._repeats) >= self._config.hang_repeats:
-            hung = self.hangs_for
+            return frozen
+        if len(self._repeats) >= self._config.frozen_repeats:
+            frozen = self.frozen_for
             self._repeats.clear()
         self.accept_repeats()
         self._append(time, value)
         self.range_message = self._range.add(time, value)
-        return hung
+        return frozen
 
     @property
-    def hangs_for(self) -> float:
+    def frozen_for(self) -> float:
         """How long it has repeated one reading, s."""
         return self._repeats[-1] - self._times[-1] if self._repeats else 0.0
 

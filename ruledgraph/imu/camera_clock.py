@@ -65,7 +65,6 @@ def offset_warning(
     if not settled or abs(offset.value) < config.warn_offset:
         return None
     return (
-        f"frames are taken {1e3 * (calibrated + offset.value):.1f} ms after their stamps on the "
-        f"IMU's clock (deviation {1e3 * offset.sigma:.1f} ms), not {1e3 * calibrated:.1f} ms as "
-        "the calibration says: correct timeshift_cam_imu"
+        f"t_imu - t_cam = {1e3 * (calibrated + offset.value):.1f} ± {1e3 * offset.sigma:.1f} ms, "
+        f"not {1e3 * calibrated:.1f} ms as the calibration says: correct timeshift_cam_imu"
     )

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Images as they come: what is wrong with one, and whether the camera hangs."""
+"""Images as they come: what is wrong with one, and whether the camera is frozen."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,8 @@ class ImageInput:
         self._too_close = 0
 
     def checked(self, frame: Frame) -> tuple[bool, Frame]:
-        """Whether the camera hangs, and the frame as it may be used: of a hanging camera's, which
-        repeats the image before, nothing is shown.
+        """Whether the camera is frozen, and the frame as it may be used: of a frozen camera's,
+        which repeats the image before, nothing is shown.
 
         Raises:
             RuledgraphError: for an image that is not grey, of 8 bit and of the calibration's size,

@@ -59,7 +59,7 @@ class ImuInput:
 
     def _append(self, reading: Reading, stamp: int) -> Gap | None:
         time, before = reading.time, self.buffer.latest
-        hung = self.buffer.append(time, reading.value[:3], reading.value[3:])
+        frozen = self.buffer.append(time, reading.value[:3], reading.value[3:])
         if reading.replaced:
             self._warnings.counted(
                 "the IMU spikes",
@@ -71,9 +71,10 @@ class ImuInput:
                 f"{self.buffer.range_message}, as found at {time:.2f} s: what it reads there is "
                 "flagged; set a larger range"
             )
-        if hung > self._config.max_sample_interval:
+        if frozen > self._config.max_sample_interval:
             self._warnings.append(
-                f"the IMU hung at {before:.2f} s: the same reading for {hung:.2f} s is not used"
+                f"the IMU was frozen at {before:.2f} s: the same reading for {frozen:.2f} s is not "
+                "used"
             )
         if before > -np.inf and self.buffer.latest - before > MAX_IMU_GAP * 1e-9:
             return Gap(stamp - round((time - before) * 1e9), stamp)

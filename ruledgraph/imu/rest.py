@@ -9,7 +9,7 @@ from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import RestConfig
 
 # Two readings, less their mean, have no integral, whatever they are.
-_FEWEST = 3
+_MIN_READINGS = 3
 
 
 def imu_rests(times: FloatArray, imu: FloatArray, config: RestConfig) -> bool:
@@ -27,7 +27,7 @@ def imu_rests(times: FloatArray, imu: FloatArray, config: RestConfig) -> bool:
         imu: gyroscope (rad/s) and accelerometer (m/s^2), (N, 6).
         config: how much a resting body moves.
     """
-    if len(times) < _FEWEST:
+    if len(times) < _MIN_READINGS:
         return False
     mean = trapezoid(imu, times, axis=0) / (times[-1] - times[0])
     moved = np.abs(cumulative_trapezoid(imu - mean, times, axis=0))

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Measurements as they come: on one clock, in order, frames until the IMU has reached them.
 
-Faults of the sensors that a stream shows are noticed here: silences, hanging, spikes.
+Faults of the sensors that a stream shows are noticed here: silences, frozen sensors, spikes.
 """
 
 from collections.abc import Callable
@@ -36,7 +36,7 @@ class Synchronizer:
         self.offset_correction = 0.0
         """What is added to the calibration's time offset for the frames to come, s."""
         self.image_rests: Callable[[], bool] = lambda: False
-        """Whether the image shows no motion: then an IMU that repeats its reading does not hang."""
+        """Whether the image shows no motion: then an IMU that repeats its reading is not frozen."""
         self._config = config
         self.calibration = calibration
         """Of the frames to come: their rows may be known later."""
@@ -77,12 +77,12 @@ class Synchronizer:
             RuledgraphError: for an image that is not grey, of 8 bit and of the calibration's size,
                 and for stamps in another unit.
         """
-        hangs, frame = self._image_input.checked(frame)
-        if hangs:
+        frozen, frame = self._image_input.checked(frame)
+        if frozen:
             self._warnings.once(
-                "the camera hangs",
-                f"the camera hangs at {self.frame_time(frame):.2f} s: images that repeat the one "
-                "before are not used",
+                "the camera is frozen",
+                f"the camera is frozen at {self.frame_time(frame):.2f} s: images that repeat the "
+                "one before are not used",
             )
         self._put(frame)
         if self._ahead() > self._config.silent_time and not self._silence_reported:
@@ -106,7 +106,7 @@ class Synchronizer:
         if frame is None:
             return None
         time = self.frame_time(frame) + 0.5 * self.calibration.readout
-        if self.imu.latest < time and self.imu.hangs_for > 0.0 and self.image_rests():
+        if self.imu.latest < time and self.imu.frozen_for > 0.0 and self.image_rests():
             self.imu.accept_repeats()
         if self.imu.latest < time:
             return None
@@ -178,8 +178,10 @@ def _silence(imu: ImuBuffer, ahead: float, config: ImuConfig) -> str:
     """What there is to say when images are so far ahead (s) of the IMU."""
     if imu.latest == -np.inf:
         return f"no IMU samples came in {ahead:.1f} s: images wait for them"
-    if imu.hangs_for > config.max_sample_interval:
-        return f"the IMU hangs since {imu.latest:.2f} s: it repeats one reading, which is not used"
+    if imu.frozen_for > config.max_sample_interval:
+        return (
+            f"the IMU is frozen since {imu.latest:.2f} s: it repeats one reading, which is not used"
+        )
     if ahead > _UNRELATED:
         return (
             f"images are {ahead:.1f} s ahead of the IMU: check that their clocks and units are "

@@ -8,7 +8,7 @@ import numpy as np
 
 from ruledgraph.core.arrays import FloatArray
 
-_LEAST, _MOST = 1e-6, 1e32
+_MIN, _MAX = 1e-6, 1e32
 
 
 class Step(NamedTuple):
@@ -41,10 +41,10 @@ class BorderedSystem(NamedTuple):
         """
         n = len(self.information)
         H, g = self.information + self.of_lines[:, :n, :n].sum(axis=0), self._state_gradient()
-        damped = H + damping * np.diag(np.clip(np.diag(H), _LEAST, _MOST))
+        damped = H + damping * np.diag(np.clip(np.diag(H), _MIN, _MAX))
         own, border = self.of_lines[:, n:, n:].copy(), self.of_lines[:, n:, :n]
         diagonal = np.einsum("nii->ni", own)
-        diagonal += damping * np.clip(diagonal, _LEAST, _MOST)
+        diagonal += damping * np.clip(diagonal, _MIN, _MAX)
         inverse = np.linalg.inv(own)
         by_state = inverse @ border
         rows = border.reshape(-1, n)

@@ -37,7 +37,7 @@ _STEP, _FINE = 0.01, 0.002
 # Images of a pair are this far apart at the least, s: less turning does not show; and not so far.
 _APART, _TOO_FAR = 0.045, 0.3
 # Degrees of freedom, of three a pair, without which variances mean nothing.
-_FEWEST_FREE = 20
+_MIN_FREE = 20
 # Others that are this many standard deviations away must be less likely by a chi^2 of this much,
 # which the best of twenty that are all equally wrong seldom reaches.
 _BEYOND, _BEATEN = 6.0, 30.0
@@ -58,8 +58,6 @@ class ClockOffset(NamedTuple):
     """(3,), rad/s."""
     mounting: FloatArray
     """phi: the mounting is body_R_cam Exp(phi), (3,), rad."""
-    mounting_sigma: FloatArray
-    """Standard deviations of phi, (3,), rad."""
 
 
 class ClockOffsetFinder:
@@ -68,16 +66,16 @@ class ClockOffsetFinder:
     Args:
         calibration: the offset is searched about its offset, `RANGE` to both sides.
         bias_sigma: standard deviation of the gyroscope's bias, rad/s.
-        most: so many pairs of images are kept at the most.
+        max_pairs: of images kept.
     """
 
-    def __init__(self, calibration: Calibration, bias_sigma: float, most: int = 40) -> None:
-        self.most = most
+    def __init__(self, calibration: Calibration, bias_sigma: float, max_pairs: int = 40) -> None:
+        self.max_pairs = max_pairs
         self._calibration = calibration
         self._bias_sigma = bias_sigma
         self._before: tuple[float, NDArray[np.uint8]] | None = None
-        self._times: deque[tuple[float, float]] = deque(maxlen=most)
-        self._rays: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=most)
+        self._times: deque[tuple[float, float]] = deque(maxlen=max_pairs)
+        self._rays: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=max_pairs)
 
     def add_image(self, time: float, image: NDArray[np.uint8]) -> None:
         """The next image, with its stamp in s."""
@@ -111,7 +109,7 @@ class ClockOffsetFinder:
         None where there are too few, or the motion does not show it.
         """
         pairs = covered(self.pairs, samples, self._calibration.time_offset)
-        if 3 * len(pairs.times) - PARAMETERS < _FEWEST_FREE:
+        if 3 * len(pairs.times) - PARAMETERS < _MIN_FREE:
             return None
         return fit_offset(pairs, samples, self._calibration, self._bias_sigma)
 
@@ -148,4 +146,4 @@ def fit_offset(
         return None
     x = found.solution()
     sigma = float(np.hypot(sigma, _UNMODELLED))
-    return ClockOffset(offset, sigma, x[1:4], x[4:], found.sigmas[4:])
+    return ClockOffset(offset, sigma, x[1:4], x[4:])

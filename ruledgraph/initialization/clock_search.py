@@ -35,6 +35,8 @@ class ClockSearch:
         """Whether frames were timed with one that was found."""
         self.readout = ReadoutSearch(mounting, config.start.gyroscope_bias, warnings)
         """Of the camera's rows, looked for in the same images."""
+        self.rotation_replaced = False
+        """Whether the last search has replaced the calibration's rotation of the camera."""
         self._mounting = mounting
         self._warnings = warnings
         self._finder: ClockOffsetFinder | None = None
@@ -49,7 +51,7 @@ class ClockSearch:
     def restart(self) -> None:
         """A segment has ended."""
         self._begun = np.inf
-        if self.config.time_offset.estimate:
+        if self.config.time_offset.estimate or not self._checked:
             bias_sigma = self.config.start.gyroscope_bias
             self._finder = ClockOffsetFinder(self._mounting.calibration, bias_sigma)
 
@@ -73,12 +75,12 @@ class ClockSearch:
                 images of a plane turn in two ways equally well (that of the camera, and one that
                 explains the translation).
         """
-        self._known = known.value
+        self._known, self.rotation_replaced = known.value, False
         found = self._search(imu, known, by_window)
         self.readout.search(imu, self.found and self.found.value)
         return found
 
-    def doubts(self, offset: float) -> bool:
+    def contradicts_known(self, offset: float) -> bool:
         """Whether an offset that a start has found, s, contradicts what is known, while images may
         show it: those of as long as the longest first window.
         """
@@ -90,6 +92,11 @@ class ClockSearch:
         if self._finder is None:
             return None
         samples = imu.between(-np.inf, np.inf)
+        if not self.config.time_offset.estimate:
+            self._check_mounting(self._finder, samples)
+            if self._checked:
+                self._finder = None
+            return None
         found = self._finder.find(samples)
         if found is None:
             self._check_mounting(self._finder, samples)
@@ -108,15 +115,14 @@ class ClockSearch:
             return None
         self.used = True
         self._warnings.append(
-            f"frames are taken {1e3 * found.value:.1f} ms after their stamps on the IMU's clock "
-            f"(deviation {1e3 * found.sigma:.1f} ms, by how images and gyroscope turn), not "
-            f"{1e3 * known.value:.1f} ms: correct timeshift_cam_imu"
+            f"t_imu - t_cam = {1e3 * found.value:.1f} ± {1e3 * found.sigma:.1f} ms by how images "
+            f"turn against the gyroscope, not {1e3 * known.value:.1f} ms: correct timeshift_cam_imu"
         )
         return TimeOffset(found.value, found.sigma)
 
     def _check_mounting(self, finder: ClockOffsetFinder, samples: ImuSamples) -> None:
         """Once, when the images do not turn as the gyroscope says."""
-        if self._checked or finder.count < finder.most:
+        if self._checked or finder.count < finder.max_pairs:
             return
         calibration = self._mounting.calibration
         pairs = covered(finder.pairs, samples, calibration.time_offset)
@@ -126,5 +132,6 @@ class ClockSearch:
         if check is not None and check.wrong:
             self._warnings.append(check.text)
             if self.config.extrinsics.from_images and not check.is_mirrored:
-                self._mounting.turn(check.other_body_R_cam)
+                self._mounting.set_rotation(check.other_body_R_cam)
+                self.rotation_replaced = True
                 self.restart()

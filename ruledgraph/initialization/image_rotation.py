@@ -23,7 +23,7 @@ from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.core.arrays import FloatArray
 
 # Points followed, and the fewest that say anything: five are the least for rotation and direction.
-_POINTS, _FEWEST_POINTS = 100, 20
+_POINTS, _MIN_POINTS = 100, 20
 POINT_SIGMA = 0.2
 """Standard deviation of a followed point, px; what is left over says better."""
 # Followed there and back a point returns to where it was, px.
@@ -67,7 +67,7 @@ def tracked_rays(
     None where too few can be followed.
     """
     corners = cv2.goodFeaturesToTrack(before, _POINTS, 0.01, camera.width / 40.0)
-    if corners is None or len(corners) < _FEWEST_POINTS:
+    if corners is None or len(corners) < _MIN_POINTS:
         return None
     found, status, _ = cv2.calcOpticalFlowPyrLK(before, after, corners, np.empty_like(corners))
     back, _, _ = cv2.calcOpticalFlowPyrLK(after, before, found, np.empty_like(corners))
@@ -78,7 +78,7 @@ def tracked_rays(
         ray = np.hstack([normalised, np.ones((len(normalised), 1))])
         rays.append(ray / np.linalg.norm(ray, axis=1, keepdims=True))
     kept &= np.isfinite(rays[0]).all(axis=1) & np.isfinite(rays[1]).all(axis=1)
-    if kept.sum() < _FEWEST_POINTS:
+    if kept.sum() < _MIN_POINTS:
         return None
     padding = ((0, _POINTS - int(kept.sum())), (0, 0))
     return np.pad(rays[0][kept], padding), np.pad(rays[1][kept], padding)

@@ -35,7 +35,7 @@ from ruledgraph_factors import FactorError
 from ruledgraph_factors.closed_form import closed_form, gyroscope_bias
 
 # The most frames used; a line counts that was seen in so many of them, and in no fewer.
-_MOST_FRAMES, _SEEN_SHARE, _FEWEST_SIGHTINGS = 20, 0.3, 4
+_MAX_FRAMES, _SEEN_SHARE, _MIN_SIGHTINGS = 20, 0.3, 4
 # Distances that hypotheses begin at beside the closed form, m.
 _DISTANCES = (0.7, 2.0, 6.0)
 # Robust constants round by round (px): at first, after lines were triangulated anew, and on the way
@@ -43,7 +43,7 @@ _DISTANCES = (0.7, 2.0, 6.0)
 _WIDE, _NARROW, _BETWEEN = (6.0, 2.0), (2.0, 2.0), 1.0
 # Lines that fit, or there is nothing that the window could hold on to: motion along one line is
 # not seen.
-_FEWEST_LINES = 2
+_MIN_LINES = 2
 # Tilt, velocity and biases.
 _STATE_DOF = 11
 
@@ -71,17 +71,17 @@ def start_in_motion(
         config: all settings.
         focal_ratio: of the camera's focal length to the one that tracks were normalised with.
     """
-    step = max(1, -(-len(stamps) // _MOST_FRAMES))
-    places = {stamps[i]: n for n, i in enumerate(range(0, len(stamps), step))}
-    least = max(_FEWEST_SIGHTINGS, _SEEN_SHARE * len(places))
+    step = max(1, -(-len(stamps) // _MAX_FRAMES))
+    index_of_stamp = {stamps[i]: n for n, i in enumerate(range(0, len(stamps), step))}
+    least = max(_MIN_SIGHTINGS, _SEEN_SHARE * len(index_of_stamp))
     seen = []
     for track in tracks:
-        hits = [s for s in track.sightings if s.stamp in places]
+        hits = [s for s in track.sightings if s.stamp in index_of_stamp]
         if len(hits) >= least:
             sightings = [s.with_focal_ratio(focal_ratio) for s in hits]
-            seen.append(Seen(track, [places[s.stamp] for s in hits], sightings))
-    if len(seen) < _FEWEST_LINES:
-        return Refusal(f"{len(seen)} lines were followed long enough, {_FEWEST_LINES} are needed")
+            seen.append(Seen(track, [index_of_stamp[s.stamp] for s in hits], sightings))
+    if len(seen) < _MIN_LINES:
+        return Refusal(f"{len(seen)} lines were followed long enough, {_MIN_LINES} are needed")
     samples = imu.between(times[0], times[-1])
     window = FirstWindow(samples, list(times[::step]), seen, calibration, config)
     best = solved(window)
@@ -162,7 +162,9 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
     fits = [misfit < limit for misfit in batch.misfits(window.figure)]
     outliers = 1.0 - float(np.mean(np.concatenate(fits)))
     if outliers > start.outlier_share:
-        return Refusal(f"only {100 * (1 - outliers):.0f} % of the lines fit a common motion")
+        return Refusal(
+            f"only {100 * (1 - outliers):.0f} % of the line sightings fit a common motion"
+        )
     try:
         velocities = batch.velocities()
     except np.linalg.LinAlgError:
@@ -171,13 +173,15 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
         if reason := _why_unknown(velocity, covariance, start):
             return Refusal(reason)
     if any(_is_rival(other, batch, velocities[0][1], start.confidence) for other in best[1:]):
-        return Refusal("two motions explain the lines as well as each other")
+        return Refusal("two different motions explain the lines equally well")
     lines = {}
     for seen, line, fit in zip(window.seen, batch.lines(), fits, strict=True):
         if np.mean(fit) > 0.5 and line.chart.inverse_distance(np.zeros(4))[0] > 0.0:
             lines[seen.track.id] = line
-    if len(lines) < _FEWEST_LINES:
-        return Refusal(f"{len(lines)} lines come out in front of the camera")
+    if len(lines) < _MIN_LINES:
+        return Refusal(
+            f"only {len(lines)} lines are in front of the camera, {_MIN_LINES} are needed"
+        )
     offset = unknown_offset(config)
     if offset is not None:
         # As wide as before: the window sees the same points again.

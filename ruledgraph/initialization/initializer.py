@@ -80,15 +80,15 @@ class Initializer:
         if found is None:
             return None
         if isinstance(found, Start):
-            found = self._unless_doubted(found)
+            found = self._with_checked_offset(found)
         if isinstance(found, Refusal):
             self._retimed, self.refusal = False, found.reason
             self._warnings.append(f"no start at {now.time:.2f} s: {found.reason}")
             return None
         retimed, self._retimed = self._retimed, False
         offset = found.time_offset
-        most = self._config.time_offset.max_step
-        if offset is not None and abs(offset.value) > most and not retimed:
+        max_step = self._config.time_offset.max_step
+        if offset is not None and abs(offset.value) > max_step and not retimed:
             self.retime(offset.value)
             self._retimed = True
             return None
@@ -96,17 +96,17 @@ class Initializer:
         frames = [frame for frame in self._sensors.frames if frame.stamp >= found.stamp]
         return FirstFrames(found, frames)
 
-    def _unless_doubted(self, start: Start) -> Start | Refusal:
+    def _with_checked_offset(self, start: Start) -> Start | Refusal:
         """A start, unless images may show that its clock offset is another one."""
         if start.time_offset is None:
             return start
         offset = self._mounting.calibration.time_offset + self._sensors.offset_correction
         offset += start.time_offset.value
-        if not self._clock_search.doubts(offset):
+        if not self._clock_search.contradicts_known(offset):
             return start
         return Refusal(
-            f"frames seem to be taken {1e3 * offset:.0f} ms after their stamps: waiting for images "
-            "that turn to show it"
+            f"the start suggests a time offset of {1e3 * offset:.0f} ms: waiting until the camera "
+            "has turned enough to confirm it"
         )
 
     def _at_rest(self, now: FrameTime) -> Start | Refusal:
@@ -115,8 +115,8 @@ class Initializer:
         return start_at_rest(self._sensors.imu, now.stamp, since, now.time, self._config)
 
     def _in_motion(self, now: FrameTime) -> Start | Refusal | None:
-        """Over the longest window that there is, which holds more information, or else over the
-        shortest, in which fewer lines were lost.
+        """Over the longest window that there is, which has the most information, or else over the
+        shortest, in which the fewest tracks were lost.
         """
         longest = min(self._config.start.longest, self._config.window.lag)
         imu, frames = self._sensors.imu, self._sensors.frames

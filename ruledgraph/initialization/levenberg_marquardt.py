@@ -9,9 +9,9 @@ all lines in one call, and they are eliminated together.
 from ruledgraph.initialization.batch_problem import BatchProblem, Estimate
 
 # As GTSAM's, with damping by the diagonal: the priors are stiff.
-_FIRST_DAMPING, _FACTOR, _MOST_DAMPING = 1e-5, 10.0, 1e10
+_FIRST_DAMPING, _FACTOR, _MAX_DAMPING = 1e-5, 10.0, 1e10
 # A step is taken that lowers the cost by this share of what its linear model promises.
-_LEAST_FIDELITY = 1e-3
+_MIN_FIDELITY = 1e-3
 # Relative decrease of the cost at which it is done.
 _TOLERANCE = 1e-4
 
@@ -29,10 +29,10 @@ def minimized(problem: BatchProblem, start: Estimate, iterations: int) -> Estima
             step = system.step(damping)
             tried = at.moved(step.state, step.lines)
             lowered = cost - problem.cost(tried)
-            if lowered > _LEAST_FIDELITY * step.gain > 0.0:
+            if lowered > _MIN_FIDELITY * step.gain > 0.0:
                 break
             damping *= _FACTOR
-            if damping > _MOST_DAMPING or abs(lowered) < _TOLERANCE * cost:
+            if damping > _MAX_DAMPING or abs(lowered) < _TOLERANCE * cost:
                 return at
         at, cost, damping = tried, cost - lowered, damping / _FACTOR
         if lowered < _TOLERANCE * (cost + lowered):

@@ -14,11 +14,11 @@ from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.initialization.clock_offset import fit_offset
 from ruledgraph.initialization.image_rotation import PointPairs
-from ruledgraph.initialization.rotation_fit import LEAST_TURNING, RotationFit, turning
+from ruledgraph.initialization.rotation_fit import MIN_TURNING, RotationFit, turning
 from ruledgraph_factors import ImuSamples
 
 # Pairs of images without which nothing can be said.
-_FEWEST_PAIRS = 20
+_MIN_PAIRS = 20
 # The error of another mounting must be this much smaller for a warning.
 _BETTER = 0.7
 # px; good calibrations leave 0.10 to 0.15, those of another lens or of other axes 0.4 or more.
@@ -89,7 +89,7 @@ def check_mounting(
         None where there are too few pairs, or they turn too little.
     """
     offset = calibration.time_offset
-    if len(pairs.times) < _FEWEST_PAIRS or turning(pairs, samples, offset) < LEAST_TURNING:
+    if len(pairs.times) < _MIN_PAIRS or turning(pairs, samples, offset) < MIN_TURNING:
         return None
     found = fit_offset(pairs, samples, calibration, bias_sigma)
     if found is not None:

@@ -11,14 +11,14 @@ from ruledgraph.core.timing import Messages
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.initialization.clock_offset import ClockOffsetFinder, covered
 from ruledgraph.initialization.readout import ReadoutEstimate, estimated_readout
-from ruledgraph.initialization.rotation_fit import LEAST_TURNING, turning
+from ruledgraph.initialization.rotation_fit import MIN_TURNING, turning
 
 # Standard deviations.
 _SIGNIFICANT = 3.0
 # s; better it need not be known: hands turn a camera by 0.5 rad/s, in this time by half a pixel.
 _ENOUGH = 2e-3
 # Pairs of images of the first look: of nine or ten that agree a sign test says enough.
-_FEWEST = 10
+_MIN_PAIRS = 10
 
 
 class Readout(NamedTuple):
@@ -52,7 +52,7 @@ class ReadoutSearch:
         self._bias_sigma = bias_sigma
         self._warnings = warnings
         self._mean: Readout | None = None
-        self._next_look = _FEWEST
+        self._next_look = _MIN_PAIRS
         if mounting.calibration.line_delay is None:
             self._begin()
 
@@ -60,7 +60,7 @@ class ReadoutSearch:
         """With new images."""
         finder = ClockOffsetFinder(self._mounting.calibration, self._bias_sigma)
         self.finder = finder
-        self._next_look = _FEWEST if self._mean is None else finder.most
+        self._next_look = _MIN_PAIRS if self._mean is None else finder.max_pairs
 
     def search(self, imu: ImuBuffer, offset: float | None = None) -> None:
         """Look at the last images, if there are enough of them since the last look.
@@ -77,8 +77,8 @@ class ReadoutSearch:
         pairs = covered(finder.pairs, samples, as_global.time_offset)
         if 2 * len(pairs.times) < self._next_look:
             return
-        are_all = finder.count == finder.most
-        if are_all and turning(pairs, samples, as_global.time_offset) < LEAST_TURNING:
+        are_all = finder.count == finder.max_pairs
+        if are_all and turning(pairs, samples, as_global.time_offset) < MIN_TURNING:
             self._begin()
             return
         look = estimated_readout(pairs, samples, as_global, self._bias_sigma, offset)
@@ -110,17 +110,16 @@ class ReadoutSearch:
         """What was found, if it differs significantly from a global shutter's."""
         if readout is not None and _is_significant(readout):
             self.found = readout
-            self._mounting.read_rows_within(readout.value)
+            self._mounting.set_readout(readout.value)
             self._warnings.once(
                 "rolling shutter",
-                f"rows are read within {1e3 * readout.value:.0f} ms (deviation "
-                f"{1e3 * readout.sigma:.0f} ms, by how images and gyroscope turn), a rolling "
-                f"shutter of which the calibration says nothing: --readout {readout.value:.3f}, "
-                "or 0 for a global shutter",
+                f"rows are read within {1e3 * readout.value:.0f} ± {1e3 * readout.sigma:.0f} ms, "
+                "by how images and gyroscope turn: a rolling shutter of which the calibration says "
+                f"nothing: --readout {readout.value:.3f}, or 0 for a global shutter",
             )
         elif self.found is not None:
             self.found = None
-            self._mounting.read_rows_within(0.0)
+            self._mounting.set_readout(0.0)
             self._warnings.append(
                 "later images do not show that rows are read one after the other: the shutter "
                 "counts as global"

@@ -21,7 +21,7 @@ from ruledgraph_factors import ImuSamples
 
 PARAMETERS = 7
 """Of the offset (s), the bias (rad/s) and the mounting (rad)."""
-LEAST_TURNING = 0.05
+MIN_TURNING = 0.05
 """`turning` without which nothing can be said, rad/s."""
 # Of the derivative by the offset, s.
 _DIFFERENCE = 0.004

@@ -18,7 +18,7 @@ class Trial:
     def __init__(self, start: Start, time: float, config: Config) -> None:
         self._config = config.integrity
         self._bias_sigmas = start.bias_sigmas
-        self._most = float(chdtri(len(start.bias_sigmas), 1.0 - config.start.confidence))
+        self._threshold = float(chdtri(len(start.bias_sigmas), 1.0 - config.start.confidence))
         self._line_ids = set(start.lines)
         self._entered: set[int] = set()
         self._until = time + self._config.trial_time
@@ -33,9 +33,9 @@ class Trial:
         self._entered |= self._line_ids & window.lines.keys()
         gone = len(self._entered - window.lines.keys())
         if gone > (1.0 - self._config.trial_min_stay) * len(self._line_ids):
-            self.failure = f"{gone} of its {len(self._line_ids)} lines did not fit for long"
+            self.failure = f"{gone} of its {len(self._line_ids)} lines were rejected"
         elif self._is_unlikely(node):
-            self.failure = "its biases are larger than those of an IMU"
+            self.failure = "its IMU biases are implausibly large"
         elif not agrees and node.time >= self._until + self._config.lost_time:
             self.failure = "too many lines do not fit it"
         return not self.failure and agrees and node.time >= self._until
@@ -45,4 +45,4 @@ class Trial:
         where lines say little of them, wrong ones pull them and the tilt away together.
         """
         whitened = node.bias.vector() / self._bias_sigmas
-        return float(whitened @ whitened) > self._most
+        return float(whitened @ whitened) > self._threshold

@@ -31,8 +31,9 @@ class ImuCheck:
         variance_factor: VarianceFactor,
         jumped: bool,
     ) -> None:
-        """Take in the innovation of a state, at a time (s), that the factor has not yet, and
-        whether the biases jumped before it, as which a contradiction is solved.
+        """Check the innovation of the state at a time (s), before `variance_factor` takes it in.
+
+        `jumped`: whether the contradiction was resolved as a jump of the biases.
         """
         before = self.contradicts
         if innovation is not None:
@@ -43,8 +44,8 @@ class ImuCheck:
         self.contradicts = jumped or self.unlikely_since is not None
         if self.contradicts and not before:
             self._warnings.append(
-                f"images and IMU disagree since {time:.2f} s: check time offset, extrinsics, the "
-                "IMU's noise figures and its range"
+                f"images and IMU have disagreed since {time:.2f} s: check time offset, extrinsics, "
+                "the IMU's noise figures and its range"
             )
 
 

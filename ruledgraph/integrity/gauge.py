@@ -16,8 +16,8 @@ from ruledgraph.core.estimates import Covariances
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def heading(ours: FloatArray, other: FloatArray) -> gtsam.Rot3:
-    """The turn about the vertical that best takes the other attitudes, (N, 3, 3), onto ours.
+def yaw_alignment(ours: FloatArray, other: FloatArray) -> gtsam.Rot3:
+    """The rotation about the vertical that best aligns other attitudes, (N, 3, 3), with ours.
 
     Unlike a difference of yaw angles it exists for any mounting of the body.
     """
@@ -31,22 +31,21 @@ class GaugeUncertainty:
     segments and faults have left, to be added to the window's marginals.
     """
 
-    position: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
-    """Covariance in the world, m^2."""
-    heading: float = 0.0
-    """Variance, rad^2."""
+    position_covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
+    """In the world, m^2."""
+    yaw_variance: float = 0.0
+    """rad^2."""
     pivot: FloatArray = field(default_factory=lambda: np.zeros(3))
-    """Position that does not move with the heading, (3,), m."""
+    """Position that does not move with the yaw, (3,), m."""
 
     def inflated(
-        self, position: FloatArray, heading: float, pivot: FloatArray
+        self, position_covariance: FloatArray, yaw_variance: float, pivot: FloatArray
     ) -> "GaugeUncertainty":
         """More of both, with another pivot from now on."""
         arm = np.cross(UP, pivot - self.pivot)
-        by_heading = self.heading * np.outer(arm, arm)
-        return GaugeUncertainty(
-            self.position + by_heading + position, self.heading + heading, pivot
-        )
+        by_yaw = self.yaw_variance * np.outer(arm, arm)
+        position_covariance = self.position_covariance + by_yaw + position_covariance
+        return GaugeUncertainty(position_covariance, self.yaw_variance + yaw_variance, pivot)
 
     def added_to(
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
@@ -55,14 +54,14 @@ class GaugeUncertainty:
         of_pose, of_velocity, of_bias = covariances
         R = pose.rotation().matrix()
         of_pose = of_pose.copy()
-        of_pose[3:, 3:] += R.T @ self.position @ R
-        if self.heading == 0.0:
+        of_pose[3:, 3:] += R.T @ self.position_covariance @ R
+        if self.yaw_variance == 0.0:
             return of_pose, of_velocity, of_bias
         arm = np.cross(UP, pose.translation() - self.pivot)
-        by_heading = np.concatenate([R.T @ UP, R.T @ arm])
-        of_pose += self.heading * np.outer(by_heading, by_heading)
+        by_yaw = np.concatenate([R.T @ UP, R.T @ arm])
+        of_pose += self.yaw_variance * np.outer(by_yaw, by_yaw)
         turned = np.cross(UP, velocity)
-        return of_pose, of_velocity + self.heading * np.outer(turned, turned), of_bias
+        return of_pose, of_velocity + self.yaw_variance * np.outer(turned, turned), of_bias
 
 
 class ReliableState(NamedTuple):
@@ -83,7 +82,7 @@ def continued(
     """
     gap = max(start.time - last.time, 0.0)
     attitude = last.pose.rotation().matrix()
-    rotation = heading(attitude[None], start.state.attitude().matrix()[None])
+    rotation = yaw_alignment(attitude[None], start.state.attitude().matrix()[None])
     fading = config.gap_velocity_time * (1.0 - np.exp(-gap / config.gap_velocity_time))
     position = last.pose.translation() + fading * last.velocity
     translation = position - rotation.rotate(start.state.position())
@@ -96,7 +95,7 @@ def continued(
         + np.eye(3) * (0.5 * config.gap_acceleration * gap**2) ** 2
     )
     up = attitude.T @ UP
-    heading_variance = float(up @ of_pose[:3, :3] @ up) + (config.gap_turn_rate * gap) ** 2
+    yaw_variance = float(up @ of_pose[:3, :3] @ up) + (config.gap_turn_rate * gap) ** 2
     return start.moved(gtsam.Pose3(rotation, translation)), GaugeUncertainty(
-        position_covariance, heading_variance, position
+        position_covariance, yaw_variance, position
     )

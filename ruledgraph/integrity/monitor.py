@@ -45,7 +45,7 @@ class IntegrityMonitor:
     """Monitors a segment state by state.
 
     Args:
-        gauge_uncertainty: of the segment's position and heading at its start.
+        gauge_uncertainty: of the segment's position and yaw at its start.
         warnings: messages for the user.
         config: all settings.
         on_trial: whether the start is not accepted yet.
@@ -103,7 +103,7 @@ class IntegrityMonitor:
         return self._parallel.for_long
 
     @property
-    def jump_limit(self) -> float:
+    def jump_threshold(self) -> float:
         """From which likelihood ratio on the IMU's biases jump, see `bias_jump`: an F-test. They do
         not while a start is on trial, where a contradiction speaks against the start, or where many
         lines did not fit before: it speaks against these. The noise is that of the ratios before.
@@ -118,7 +118,7 @@ class IntegrityMonitor:
         since = self._imu.unlikely_since
         if since is not None and self._lines.agree_since <= since:
             return -math.inf
-        return self._of_jumps.most(JUMP_DOF, self._limits.confidence)
+        return self._of_jumps.quantile(JUMP_DOF, self._limits.confidence)
 
     def update(self, window: Window, still: bool, stayed_at: gtsam.NavState | None = None) -> None:
         """Take in the newest state, optimised, whether the body has been at rest until then, and
@@ -140,15 +140,15 @@ class IntegrityMonitor:
         stayed = None if stayed_at is None else stayed_at.position()
         self._add_to_gauge(self._rest.update(node.state.position(), node.time, still, stayed))
         more = self._inflation.added - (self._inflation.factor - 1.0) * _of_position(node)
-        position = self._base_gauge.position + self._parallel.covariance() + self._rest.covariance()
-        self._gauge = replace(self._base_gauge, position=position + more)
+        position = self._base_gauge.position_covariance + self._parallel.covariance()
+        position = position + self._rest.covariance() + more
+        self._gauge = replace(self._base_gauge, position_covariance=position)
 
     def _add_to_gauge(self, position: FloatArray) -> None:
         """Add a covariance of the position, (3, 3), for good."""
         if position.any():
-            self._base_gauge = replace(
-                self._base_gauge, position=self._base_gauge.position + position
-            )
+            position = self._base_gauge.position_covariance + position
+            self._base_gauge = replace(self._base_gauge, position_covariance=position)
 
     def covariances(
         self, covariances: Covariances, pose: gtsam.Pose3, velocity: FloatArray
@@ -179,7 +179,7 @@ class IntegrityMonitor:
         return "tracking" if known else "degraded"
 
     def _keep_error(self, node: StateNode) -> None:
-        """Of position and heading, from while images and IMU or lines and estimate disagreed."""
+        """Of position and yaw, from while images and IMU or lines and estimate disagreed."""
         position, excess = _of_position(node), self._inflation.factor - 1.0
         up = node.state.attitude().matrix().T @ UP
         self._base_gauge = self._base_gauge.inflated(

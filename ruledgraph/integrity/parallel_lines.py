@@ -26,8 +26,8 @@ class ParallelLines:
         since = self._since
         return since is not None and self._time - since >= self._config.parallel_time
 
-    def update(self, window: Window, excess: float) -> FloatArray:
-        """Look at the window's newest state, whose covariances are too small by `excess`.
+    def update(self, window: Window, variance_factor: float) -> FloatArray:
+        """Look at the window's newest state, whose covariances count times `variance_factor`.
 
         Returns:
             Covariance of the position that remains after the lines were parallel, (3, 3), m^2.
@@ -44,14 +44,16 @@ class ParallelLines:
         self._along = vectors[:, -1]
         if self._since is None:
             self._since = self._time
-            of_pose, of_velocity, of_bias = (excess * c for c in window.newest.covariances)
-            speed = float(self._along @ of_velocity @ self._along)
+            of_pose, of_velocity, of_bias = (variance_factor * c for c in window.newest.covariances)
+            velocity_variance = float(self._along @ of_velocity @ self._along)
             up = window.newest.state.attitude().matrix().T @ UP
-            # About the two horizontal axes: heading turns no gravity.
+            # About the two horizontal axes: yaw turns no gravity.
             tilt = 0.5 * float(np.trace(of_pose[:3, :3]) - up @ of_pose[:3, :3] @ up)
             gravity = float(np.linalg.norm(window.intervals[-1].gravity))
-            force = float(np.linalg.eigvalsh(of_bias[:3, :3])[-1]) + gravity**2 * tilt
-            self._initial_variances = (speed, force)
+            acceleration_variance = (
+                float(np.linalg.eigvalsh(of_bias[:3, :3])[-1]) + gravity**2 * tilt
+            )
+            self._initial_variances = (velocity_variance, acceleration_variance)
         return np.zeros((3, 3))
 
     def covariance(self) -> FloatArray:
@@ -59,8 +61,8 @@ class ParallelLines:
         if self._since is None or not self.for_long:
             return np.zeros((3, 3))
         elapsed = self._time - self._since
-        speed, force = self._initial_variances
-        variance = speed * elapsed**2 + 0.25 * force * elapsed**4
+        velocity_variance, acceleration_variance = self._initial_variances
+        variance = velocity_variance * elapsed**2 + 0.25 * acceleration_variance * elapsed**4
         return variance * np.outer(self._along, self._along)
 
 

@@ -16,7 +16,9 @@ _SIGMAS = 3.0
 
 
 class _InnovationSum(NamedTuple):
-    """Of an innovation, the one that ended where its prediction began, and so on."""
+    """Faded sums over innovations, the prediction of each of which begins where the one before
+    ended.
+    """
 
     time: float
     nis: float
@@ -26,7 +28,7 @@ class _InnovationSum(NamedTuple):
         kept = math.exp((self.time - time) / memory)
         return _InnovationSum(time, kept * self.nis, kept * self.dof)
 
-    def most(self, prior: float, dof: int, confidence: float) -> float:
+    def quantile(self, prior: float, dof: int, confidence: float) -> float:
         """The largest sum of squares over so many degrees of freedom, with a confidence. Noise as
         the figures say is no surprise, however small it was before.
         """
@@ -80,14 +82,14 @@ class VarianceFactor:
     @property
     def of_covariances(self) -> float:
         """The reported covariance over C."""
-        quantile = float(stdtrit(self._prior + self._newest.dof, ndtr(_SIGMAS)))
-        return self.estimate * (quantile / _SIGMAS) ** 2
+        t = float(stdtrit(self._prior + self._newest.dof, ndtr(_SIGMAS)))
+        return self.estimate * (t / _SIGMAS) ** 2
 
-    def most(self, dof: int, confidence: float) -> float:
+    def quantile(self, dof: int, confidence: float) -> float:
         """The largest sum of squares over so many degrees of freedom, with a confidence, by the
         noise figures and what is known of s^2.
         """
-        return self._newest.most(self._prior, dof, confidence)
+        return self._newest.quantile(self._prior, dof, confidence)
 
     def is_unlikely(self, innovation: Innovation, time: float, confidence: float) -> bool:
         """Whether an innovation needs more noise than the figures and those before it show.
@@ -100,7 +102,7 @@ class VarianceFactor:
             confidence: with which it is unlikely.
         """
         before = self._before(innovation, time)
-        return innovation.nis > before.most(self._prior, innovation.dof, confidence)
+        return innovation.nis > before.quantile(self._prior, innovation.dof, confidence)
 
     def update(self, innovation: Innovation | None, time: float) -> None:
         """Take in the innovation of a state at a time, s."""

@@ -59,7 +59,7 @@ class LiveOdometry(Closing):
         on_pose: called with each live estimate, as known at the time of its frame.
         on_smoothed: called with each estimate that left the window, better, and later by its lag.
         on_line: called with each line that left the window.
-        most_images: that wait; more of them survive a longer pause, and make estimates later.
+        max_images: that wait; more of them survive a longer pause, and make estimates later.
     """
 
     def __init__(
@@ -70,16 +70,16 @@ class LiveOdometry(Closing):
         on_pose: Callable[[Estimate], object] | None = None,
         on_smoothed: Callable[[Estimate], object] | None = None,
         on_line: Callable[[LineEstimate], object] | None = None,
-        most_images: int = 16,
+        max_images: int = 16,
     ) -> None:
-        if most_images < 1:
-            raise RuledgraphError(f"most_images = {most_images}: at least 1 image has to wait")
+        if max_images < 1:
+            raise RuledgraphError(f"max_images = {max_images}: at least 1 image has to wait")
         self.latest: Estimate | None = None
         """The last live estimate."""
         self._new_odometry = partial(Odometry, calibration, config)
         self._odometry = self._new_odometry()
         self._callbacks = (on_pose, on_smoothed, on_line)
-        self._queue = SensorQueue(round(calibration.time_offset * 1e9), most_images)
+        self._queue = SensorQueue(round(calibration.time_offset * 1e9), max_images)
         self._imu, self._images = ImuStream(), ImageStream(calibration.camera)
         self._estimates = 0
         self._status = _AT_FIRST
@@ -147,7 +147,7 @@ class LiveOdometry(Closing):
     def status(self) -> str:
         """What the odometry does.
 
-        `waiting for IMU` (which also may hang), `waiting for images` (for a second there were
+        `waiting for IMU` (which also may be frozen), `waiting for images` (for a second there were
         none), `initializing:` with the reason why it did not start yet, then the last estimate's
         status, and `closed`.
         """

@@ -31,14 +31,14 @@ class SensorQueue:
 
     Args:
         frame_shift: time of a frame on the IMU's clock minus its stamp, ns.
-        most_frames: that wait.
+        max_frames: that wait.
     """
 
-    def __init__(self, frame_shift: int, most_frames: int) -> None:
+    def __init__(self, frame_shift: int, max_frames: int) -> None:
         self.dropped_frames = 0
         self.dropped_imu = 0
         self._shift = frame_shift
-        self._most_frames = most_frames
+        self._max_frames = max_frames
         self._changed = threading.Condition()
         self._imu: deque[ImuSample] = deque()
         self._frames: deque[Frame] = deque()
@@ -66,7 +66,7 @@ class SensorQueue:
         with self._changed:
             self._frames.append(frame)
             self._latest_frame = frame.stamp + self._shift
-            fits = len(self._frames) <= self._most_frames
+            fits = len(self._frames) <= self._max_frames
             if not fits:
                 self._frames.popleft()
                 self.dropped_frames += 1

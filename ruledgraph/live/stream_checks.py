@@ -20,7 +20,7 @@ _SPARSE = 3
 # Over so many samples, and for so long (ns), the specific force averages near gravity, 9.81 m/s^2:
 # a body that falls freely all the while, or is thrown at 6 g, has no use for an odometry.
 _AVERAGED, _AVERAGED_TIME = 100, 10**9
-_LEAST_FORCE, _MOST_FORCE = 2.0, 60.0
+_MIN_FORCE, _MAX_FORCE = 2.0, 60.0
 # A sensor that delivered nothing for so long is silent, s.
 _SILENT = 1.0
 
@@ -75,7 +75,7 @@ class ImuStream(Stream):
             self._forces.append(force)
             if len(self._forces) >= _AVERAGED and sample.stamp - self._first >= _AVERAGED_TIME:
                 force, self._forces = float(np.median(self._forces)), None
-                if not _LEAST_FORCE < force < _MOST_FORCE:
+                if not _MIN_FORCE < force < _MAX_FORCE:
                     raise RuledgraphError(
                         f"the accelerometer reads {force:.3g} on average, not about 9.81: pass "
                         "the gyroscope (rad/s) first, then the accelerometer (m/s^2, not g)"

@@ -24,7 +24,7 @@ from ruledgraph.recording.messages import UnreadableMessageError, deserialise
 Grey = NDArray[np.uint8]
 _Pixels = NDArray[Any]
 
-_MOST_PIXELS = 2**25
+_MAX_PIXELS = 2**25
 # Bits of a pixel that sensors have, in images of 16 bits.
 _DEPTHS = (8, 10, 12, 14, 16)
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -179,7 +179,7 @@ def decode_file(data: bytes) -> Grey:
         flags = cv2.IMREAD_GRAYSCALE
     else:
         raise UnreadableMessageError("a compressed image is neither JPEG nor PNG, or is damaged")
-    if not 0 < width * height <= _MOST_PIXELS:
+    if not 0 < width * height <= _MAX_PIXELS:
         raise UnreadableMessageError(f"a size of {width}x{height} is not plausible")
     try:
         pixels: _Pixels | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)

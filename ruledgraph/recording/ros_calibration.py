@@ -26,7 +26,7 @@ from ruledgraph.recording.topics import (
 )
 
 # No robot has more frames; a quaternion further from unit is none.
-_MOST_FRAMES = 10_000
+_MAX_FRAMES = 10_000
 _UNIT = 1e-3
 # Axes that are turned against each other by more than this are not the same.
 _SAME = 1e-3
@@ -89,8 +89,8 @@ class _Tree:
                 child = transform.child_frame_id.strip("/")
                 parent = transform.header.frame_id.strip("/")
                 self._parents[child] = parent, _pose(child, transform.transform)
-            if len(self._parents) > _MOST_FRAMES:
-                raise RecordingError(f"{STATIC_TRANSFORMS}: more than {_MOST_FRAMES} frames")
+            if len(self._parents) > _MAX_FRAMES:
+                raise RecordingError(f"{STATIC_TRANSFORMS}: more than {_MAX_FRAMES} frames")
 
     def pose(self, of: str, other: str) -> gtsam.Pose3:
         """of_T_other."""

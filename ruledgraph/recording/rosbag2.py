@@ -33,7 +33,7 @@ _LONGEST_MAGIC = 16
 _PIECE = 2**20
 # A compressed file that unpacks to more than so many times its size, and a few hundred MB, is none
 # of sensor data: it would fill the disk.
-_MOST_GROWTH, _MOST_GROWTH_OF_SMALL = 100, 2**28
+_MAX_GROWTH, _MAX_GROWTH_OF_SMALL = 100, 2**28
 # Bytes; it has some hundreds for a topic.
 _LARGEST_METADATA = 2_000_000
 
@@ -92,7 +92,7 @@ class Rosbag2:
         decompressor = zstd.ZstdDecompressor()
         try:
             with file.open("rb") as source, target.open("wb") as sink:
-                most = max(_MOST_GROWTH * file.stat().st_size, _MOST_GROWTH_OF_SMALL)
+                most = max(_MAX_GROWTH * file.stat().st_size, _MAX_GROWTH_OF_SMALL)
                 for piece in _unpacked(source, decompressor):
                     sink.write(piece)
                     if sink.tell() > most:

@@ -26,7 +26,7 @@ from ruledgraph.recording.topics import ImuTopics
 
 # A stream that begins with so many unusable frames, or goes on with so many of another size than
 # before, is not worth following further.
-_MOST_BAD_FRAMES = 10
+_MAX_BAD_FRAMES = 10
 # rad/s and m/s^2; far beyond what any IMU measures, in whatever unit.
 _ABSURD = 1e6
 
@@ -126,9 +126,9 @@ class _Pass:
             return
         self._report.skipped_frames[why] += 1
         self._bad_frames += 1
-        if self._size is None and self._bad_frames >= _MOST_BAD_FRAMES:
+        if self._size is None and self._bad_frames >= _MAX_BAD_FRAMES:
             raise RecordingError(
-                f"the first {_MOST_BAD_FRAMES} frames of {stamped.topic.name} are unusable: {why}"
+                f"the first {_MAX_BAD_FRAMES} frames of {stamped.topic.name} are unusable: {why}"
             )
 
     def count_reordered(self) -> None:
@@ -174,7 +174,7 @@ class _Pass:
         self._odd_frames += 1
         height, width = self._size
         why = f"it is {image.shape[1]}x{image.shape[0]}, not {width}x{height} like those before"
-        if self._odd_frames >= _MOST_BAD_FRAMES:
+        if self._odd_frames >= _MAX_BAD_FRAMES:
             raise RecordingError(f"the frames change their size: one after the other, {why}")
         raise UnreadableMessageError(why)
 

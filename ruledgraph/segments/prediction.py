@@ -27,8 +27,8 @@ def predicted(
         body_R_cam = body_T_cam.rotation()
         before_R_body = rotation_between(sensors.imu, before.time, now.time)
         R = body_R_cam.matrix().T @ before_R_body.matrix().T @ body_R_cam.matrix()
-        at_rest = CameraMotion(R, elapsed, body_T_cam, body_T_cam, stages.mounting.ratio)
-        return Predicted(at_rest, {})
+        rotation_only = CameraMotion(R, elapsed, body_T_cam, body_T_cam, stages.mounting.ratio)
+        return Predicted(rotation_only, {})
     body_T_cam, rest, window = segment.body_T_cam, segment.rest, segment.window
     world_T_before = rest.held(segment.state.pose(), window).compose(body_T_cam)
     world_T_cam = rest.held(segment.predict(now.time).pose(), window).compose(body_T_cam)
@@ -38,11 +38,11 @@ def predicted(
 
 
 def count_in_graph(segment: TrajectorySegment | None, ids: Iterable[int]) -> int:
-    """How many of these lines are in its graph, of no segment none."""
+    """How many of these lines are in the segment's graph; 0 without a segment."""
     return 0 if segment is None else sum(id_ in segment.window.lines for id_ in ids)
 
 
 def focal_ratio(stages: Stages, segment: TrajectorySegment | None) -> float:
-    """Of the focal length to the calibration's, as the segment's window has it, or those before."""
+    """Focal length over the calibration's, by the segment's window or else as last known."""
     found = None if segment is None else segment.window.self_calibration.focal_ratio
     return stages.mounting.ratio if found is None else found.value

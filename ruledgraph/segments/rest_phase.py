@@ -19,11 +19,11 @@ from ruledgraph.integrity.unmoved_lines import log_odds_of_rest
 class RestPhase:
     """Whether the body rests at the newest state, and at the frames since.
 
-    A rest ends where the image moves. Where the IMU alone says so it is open for a while: the body
-    sets off, and the image will show it, or an acceleration acts on all that is in view as well, as
-    in a lift. When the IMU is that of a rest again the motions of lines decide, as soon as they are
-    likely enough for one of the two (`log_odds_of_rest`): a sequential test. After some time they
-    must: without them the body has moved.
+    A rest ends where the image moves. Where the IMU alone says so it is undecided for a while: the
+    body sets off, and the image will show it, or an acceleration acts on all that is in view as
+    well, as in a lift. When the IMU is that of a rest again the motions of lines decide, as soon as
+    they are likely enough for one of the two (`log_odds_of_rest`): a sequential test. After some
+    time they must: without them the body has moved.
 
     Lines may say that it rests while the IMU moves it on, before a rest is known: until they or the
     IMU say otherwise, it may be where it was then.
@@ -40,12 +40,13 @@ class RestPhase:
         self._config = config
         self.interval = min(config.window.lag / 2.0, config.rest.solve_interval)
         """At rest new lines are looked for, and the window is solved, this often, s."""
+        self._longest_undecided = min(config.window.lag / 2.0, config.rest.max_undecided_time)
         self.of_state = False
         """Whether the body has rested until the newest state, and for some time before."""
         self.goes_on = False
         """Whether it has until the latest frame, as far as that is known."""
-        self.is_open = False
-        """Whether that is open, after a rest until the newest state."""
+        self.is_undecided = False
+        """Whether that is not known yet, after a rest until the newest state."""
         self._is_denied = False
         self.stayed_at: gtsam.NavState | None = None
         """Where the body was when lines began to say that it rests, and the IMU that it moves; None
@@ -67,7 +68,7 @@ class RestPhase:
         """Look at the frame at a time (s), with its state by the IMU; the last one decides."""
         still = self._detector.is_still(time, window.rests_since)
         self._is_denied |= not still
-        self.is_open = False
+        self.is_undecided = False
         if not self.of_state:
             self._begin(window, state, body_T_cam, still)
             return
@@ -78,9 +79,9 @@ class RestPhase:
             self.goes_on = False
         else:
             says = self._lines_say(window, state, body_T_cam)
-            ends = last or time - window.newest.time > self._config.rest.open_time - EARLY
+            ends = last or time - window.newest.time > self._longest_undecided - EARLY
             self.goes_on = says == "rest" and (still or ends)
-            self.is_open = not (self.goes_on or ends or says == "motion")
+            self.is_undecided = not (self.goes_on or ends or says == "motion")
 
     def _begin(
         self, window: Window, state: gtsam.NavState, body_T_cam: gtsam.Pose3, still: bool
@@ -98,9 +99,9 @@ class RestPhase:
         elif says == "rest" and self._detector.image_is_unmoved(window.rests_since):
             self.stayed_at = self.stayed_at or newest.state
 
-    def state_follows(self) -> bool:
-        """A state is made at the latest frame. Returns whether the body has rested until then."""
-        self.of_state, self.is_open, self._is_denied = self.goes_on, False, False
+    def begin_state(self) -> bool:
+        """Begin a state at the latest frame. Returns whether the body has rested until then."""
+        self.of_state, self.is_undecided, self._is_denied = self.goes_on, False, False
         return self.of_state
 
     def _lines_say(
@@ -125,7 +126,7 @@ class RestPhase:
         """A pose since the newest state, without the way by the IMU while the image has not moved:
         where lines are to be looked for.
         """
-        if self.is_held or self.is_open:
+        if self.is_held or self.is_undecided:
             return gtsam.Pose3(pose.rotation(), window.newest.state.position())
         return pose
 
@@ -140,15 +141,15 @@ class RestPhase:
     ) -> tuple[gtsam.NavState, Covariances]:
         """State and covariances of the latest frame, of what the IMU makes of the newest state.
 
-        At rest the state is the newest one; while it is open whether the rest goes on, or lines
-        deny a motion before a rest is known, it is the IMU's. The covariances hold for both,
+        At rest the state is the newest one; while it is undecided whether the rest goes on, or
+        lines deny a motion before a rest is known, it is the IMU's. The covariances hold for both,
 
             P + x x^T,    x = Log(T^-1 T_rest) of the pose, -v of the velocity,
 
         where P is that of the state by the IMU: with no less than that of the newest state it is no
         less than the covariance about the reported state, whichever of the two is right.
         """
-        at = window.newest.state if self.is_held or self.is_open else self.stayed_at
+        at = window.newest.state if self.is_held or self.is_undecided else self.stayed_at
         if at is None:
             return state, covariances
         of_pose, of_velocity, of_bias = covariances

@@ -31,7 +31,7 @@ class TrajectorySegment:
         stages: before and after it.
         start: where it begins.
         frames: that the start was made of.
-        gauge_uncertainty: of its position and heading at the start.
+        gauge_uncertainty: of its position and yaw at the start.
         last_reliable: the last reliable state of the segment before it.
     """
 
@@ -121,7 +121,7 @@ class TrajectorySegment:
         """
         rest, window = self.rest, self.window
         frames = self._stages.sensors.frames.after(window.newest.time)
-        if rest.is_open:
+        if rest.is_undecided:
             return False
         idle = rest.goes_on and self.confirmed and rest.is_idle(window, frames[-1].time, self.state)
         self._extend(frames, observe_lines=not idle)
@@ -136,11 +136,11 @@ class TrajectorySegment:
         self.rest.look(self.window, time, self.state, self.body_T_cam, last)
 
     def _extend(self, frames: Sequence[FrameTime], observe_lines: bool = True) -> None:
-        still = self.rest.state_follows()
+        still = self.rest.begin_state()
         sensors, front_end = self._stages.sensors, self._stages.front_end
         stamps, times = [f.stamp for f in frames], [f.time for f in frames]
         tracks = front_end.observed() if observe_lines else []
-        correction, limit = sensors.offset_correction, self.monitor.jump_limit
+        correction, limit = sensors.offset_correction, self.monitor.jump_threshold
         self.window.extend(stamps, times, sensors.imu, tracks, still, correction, limit)
         front_end.reject(self.window.line_map.take_rejected())
         self._propagator.reset()
@@ -171,7 +171,7 @@ class TrajectorySegment:
         """Why it cannot go on; empty while it can."""
         if self.monitor.lost:
             return "most lines do not fit the estimate"
-        return "" if self.window.is_plausible() else "the estimate ran away"
+        return "" if self.window.is_plausible() else "the estimate diverged"
 
     def report(self, frame: FrameTime, lines: int, at_state: bool) -> Status:
         """Hand out the live estimate of a frame in which so many lines of the graph were seen."""
@@ -216,5 +216,4 @@ class TrajectorySegment:
         self._reporter.smoothed(window, list(window.intervals), self._stages.clock.offset)
         self._reporter.lines([*window.line_map.take_retired(), *window.lines.values()])
         self._reporter.release(window, self.confirmed)
-        for recovery in window.recoveries:
-            self._stages.output.recoveries.append(recovery)
+        self._stages.output.recoveries.extend(window.recoveries)

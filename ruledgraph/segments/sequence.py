@@ -112,17 +112,16 @@ class SegmentSequence:
         return True
 
     def continues(self, segment: TrajectorySegment, now: FrameTime) -> bool:
-        """Whether the segment does, when a state was added; a start in motion that was none is
-        taken back.
+        """Whether the segment goes on after a new state. A start on trial that failed is
+        discarded.
         """
         trial, failure, warnings = self._trial, segment.failure, self._stages.output.warnings
         if trial is not None:
             passed = trial.passed(segment.window, segment.monitor.agrees)
             if reason := trial.failure or failure:
-                warnings.append(
-                    f"the start in motion before {now.time:.2f} s is taken back: {reason}"
-                )
-                self._discard_start(now.time)
+                which = f"the start in motion before {now.time:.2f} s"
+                warnings.append(f"{which} is discarded: {reason}")
+                self._discard_start(now.time, f"the last start is discarded: {reason}")
                 return False
             if passed:
                 segment.confirm()
@@ -141,28 +140,32 @@ class SegmentSequence:
             self._discard_start(-np.inf)
         self._forget_frames()
 
-    def _discard_start(self, time: float) -> None:
-        """Forget a start that is on trial."""
+    def _discard_start(self, time: float, reason: str = "") -> None:
+        """Forget a start that is on trial, and say why until the next attempt."""
+        self.initializer.refusal = reason
         self.current = self._trial = None
         self._count -= 1
         self.initializer.wait_from(time)
 
     def _search_clock(self, time: float) -> bool:
-        """Time the frames by the offset that the images show, if that is another one."""
+        """Begin anew with the offset, or the rotation of the camera, that the images show, if that
+        is another one.
+        """
         clock, segment = self._stages.clock, self.current
         # Before a start the calibration stands until something speaks against it.
         known = clock.offset._replace(sigma=0.0) if segment is None else clock.offset
         by_window = segment is not None and segment.confirmed and not segment.monitor.disagree
         found = self.clock_search.search(self._stages.sensors.imu, known, by_window)
-        if found is None:
+        if found is None and not self.clock_search.rotation_replaced:
             return False
         if self._trial is not None:
             self._discard_start(time)
         elif segment is not None:
             self.end()
-        correction = found.value - self._calibration.time_offset
-        self.initializer.retime(correction - self._stages.sensors.offset_correction)
-        clock.offset = found
+        if found is not None:
+            correction = found.value - self._calibration.time_offset
+            self.initializer.retime(correction - self._stages.sensors.offset_correction)
+            clock.offset = found
         return True
 
     # -- ending ----------------------------------------------------------------------------------
@@ -193,9 +196,7 @@ class SegmentSequence:
         self.end()
 
     def end_without_frames(self, kept: float) -> None:
-        """Without frames for so long (s, and the wait for a late one) hand out what is left, and
-        keep no more than that one needs to begin anew.
-        """
+        """End the segment when no frame came for so long, s; keep what a new start needs."""
         sensors = self._stages.sensors
         frames, before = sensors.frames, sensors.imu.latest - kept - self._config.imu.max_frame_wait
         if frames and frames.last.time < before:
@@ -209,6 +210,7 @@ class SegmentSequence:
         self.finish()
         self._forget_frames()
         self.clock_search.restart()
+        self.initializer.refusal = "the last segment has ended"
 
     def _forget_frames(self) -> None:
         self._stages.sensors.frames.clear()

@@ -15,7 +15,7 @@ from ruledgraph.simulation.scene import Scene, Surface, Texture, border_lines
 # Light is computed on a grid this wide, in texture pixels, or finer on small surfaces, and
 # interpolated.
 _GRID_TEXELS = 25
-_LEAST_CELLS = 6
+_MIN_CELLS = 6
 # How bright white is under an irradiance of 1.
 _WHITE = 255.0
 
@@ -62,7 +62,7 @@ def _grid(surface: Surface) -> FloatArray:
     """Points all over a surface, (rows, columns, 3), m."""
     cell = _GRID_TEXELS * surface.texel
     columns, rows = (
-        max(_LEAST_CELLS, int(np.ceil(side / cell))) for side in (surface.width, surface.height)
+        max(_MIN_CELLS, int(np.ceil(side / cell))) for side in (surface.width, surface.height)
     )
     across = (np.arange(columns)[None, :, None] + 0.5) / columns
     along = (np.arange(rows)[:, None, None] + 0.5) / rows

@@ -24,7 +24,7 @@ _ROOM = np.array([[-3.5, -3.5, -1.3], [3.5, 3.5, 1.7]])
 _HALL = np.array([[-8.0, -7.0, -1.5], [12.0, 7.0, 5.5]])
 # From a measured motion to the walls, floor and ceiling, m: more than the furniture is deep.
 _CLEARANCE = np.array([2.0, 2.0, 1.0])
-_LEAST_HEIGHT = 3.0
+_MIN_HEIGHT = 3.0
 _LAB_LAMPS = (Lamp((-0.6, 1.0, 1.4), 4.0, 0.6), Lamp((-1.2, -1.4, 1.4), 2.4, 0.6))
 
 
@@ -150,5 +150,5 @@ def _bounds_around(motion: Motion) -> FloatArray:
     """Opposite corners, (2, 3), m, of a room that leaves a motion space."""
     positions = motion.position(np.arange(motion.start, motion.stop, 0.02))
     low, high = positions.min(axis=0) - _CLEARANCE, positions.max(axis=0) + _CLEARANCE
-    high[2] = max(high[2], low[2] + _LEAST_HEIGHT)
+    high[2] = max(high[2], low[2] + _MIN_HEIGHT)
     return np.array([low, high])

@@ -37,11 +37,11 @@ D435I = Calibration(
 # A frame is rendered so often that most of the image moves less than this from one time to the
 # next, px.
 _BLUR_STEP = 1.5
-_MOST_EXPOSURES = 16
+_MAX_EXPOSURES = 16
 # The same of a rolling shutter: between two renderings edges are at most so far apart, px, that
 # their mean looks like one edge.
 _ROLLING_STEP = 0.75
-_MOST_STEPS = 100
+_MAX_STEPS = 100
 # Stamp of the start of a named motion, ns.
 _EPOCH = 1_700_000_000_000_000_000
 
@@ -168,7 +168,7 @@ class _Camera:
         exposure, height = self._quality.exposure, self._camera.height
         first, last = time - 0.5 * exposure, time + self._readout + 0.5 * exposure
         steps = np.ceil(self._movement(first, last) / _ROLLING_STEP)
-        moments = np.linspace(first, last, 1 + int(np.clip(steps, 1, _MOST_STEPS)))
+        moments = np.linspace(first, last, 1 + int(np.clip(steps, 1, _MAX_STEPS)))
         row_times = time + np.linspace(0.0, self._readout, height)
         weights = row_weights(row_times, moments, exposure)
         total = np.zeros((height, self._camera.width), dtype=np.float32)
@@ -185,7 +185,7 @@ class _Camera:
     def _exposures(self, start: float, stop: float) -> int:
         """How many renderings make a smooth blur."""
         pixels = self._movement(start, stop)
-        return int(np.clip(np.ceil(pixels / _BLUR_STEP), 1, _MOST_EXPOSURES))
+        return int(np.clip(np.ceil(pixels / _BLUR_STEP), 1, _MAX_EXPOSURES))
 
     def _movement(self, start: float, stop: float) -> float:
         """How far most of the image moves from one time to another (s), px; from how far the

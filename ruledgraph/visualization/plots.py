@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 DPI = 130
 # An overlay is kept this often, s, and this many at most: then every second one is dropped.
-_OVERLAY_INTERVAL, _MOST_OVERLAYS = 1.0, 12
+_OVERLAY_INTERVAL, _MAX_OVERLAYS = 1.0, 12
 # Ruled surfaces are shown of this long a stretch from the first start, s.
 _SURFACE_LENGTH = 2.5
 
@@ -65,7 +65,7 @@ class PlotRecorder:
         if (stamp - self._last_overlay) * 1e-9 >= self._interval:
             self._last_overlay = stamp
             self._overlays[stamp] = draw_overlay(view, self._camera)
-            if len(self._overlays) > _MOST_OVERLAYS:
+            if len(self._overlays) > _MAX_OVERLAYS:
                 self._overlays = dict(list(self._overlays.items())[::2])
                 self._interval *= 2.0
 

@@ -14,7 +14,7 @@ from ruledgraph.core import figure_style as style
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.visualization.run_tables import RunTables
 
-_MOST_LINES = 8
+_MAX_LINES = 8
 # Of the longest time that a line was seen.
 _LONG = 0.6
 _CAPTION = (
@@ -69,7 +69,7 @@ def _spread(surfaces: Mapping[int, Sequence[tuple[float, FloatArray]]]) -> list[
         if len(frames) >= _LONG * most
     }
     chosen = sorted(left, key=lambda number: -len(surfaces[number]))[:1]
-    while len(chosen) < min(_MOST_LINES, len(left)):
+    while len(chosen) < min(_MAX_LINES, len(left)):
         distances = {
             number: min(float(np.hypot(*(middle - left[other]))) for other in chosen)
             for number, middle in left.items()
@@ -83,7 +83,7 @@ def directrix_figure(run: RunTables) -> Figure:
     orientation: X0 and V0 of the paper, over time.
     """
     first_R_world = run.smoothed.poses()[0].rotation().matrix().T
-    order = np.argsort(run.lines.seen[:, 0] - run.lines.seen[:, 1])[:_MOST_LINES]
+    order = np.argsort(run.lines.seen[:, 0] - run.lines.seen[:, 1])[:_MAX_LINES]
     seconds = run.smoothed.stamps * 1e-9
     with style.figure_style():
         figure = style.new_figure(12.0, 6.0)

@@ -29,7 +29,7 @@ _MARGIN = 0.08
 _NARROWEST = 0.3
 # The path is enlarged where it takes less than this of the views.
 _SMALL = 0.6
-_MOST_PIECES = 4000
+_MAX_PIECES = 4000
 # A step between poses this many times the usual one interrupts the path.
 _BREAK = 5.0
 
@@ -144,7 +144,7 @@ def _draw_view(axes: Any, path: DrawnPath, ends: FloatArray, a: int, b: int) -> 
     if path.truth is not None:
         axes.plot(*path.truth[:, pair].T, color=style.TRUTH, lw=3.2, alpha=0.25, label="truth")
     axes.plot(*path.live[:, pair].T, color=style.LIVE, lw=1.0, label="live")
-    step = max(1, len(path.smoothed) // _MOST_PIECES)
+    step = max(1, len(path.smoothed) // _MAX_PIECES)
     points = path.smoothed[::step, pair]
     pieces = np.stack([points[:-1], points[1:]], axis=1)
     broken = np.flatnonzero(path.breaks) // step

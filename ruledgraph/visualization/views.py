@@ -15,7 +15,7 @@ from ruledgraph.odometry import Odometry
 
 # Without a single line in view nothing says which frames were processed; more than this many do
 # not wait.
-_MOST_WAITING = 8
+_MAX_WAITING = 8
 # A ruling is a curve in a distorted image.
 _CURVE_POINTS = 20
 
@@ -74,7 +74,7 @@ class ViewQueue:
         )
         taken = []
         while self._waiting and (
-            self._waiting[0].stamp <= newest or len(self._waiting) > _MOST_WAITING
+            self._waiting[0].stamp <= newest or len(self._waiting) > _MAX_WAITING
         ):
             frame = self._waiting.popleft()
             taken.append(_view(odometry, frame, (frame.stamp - self._first) * 1e-9))

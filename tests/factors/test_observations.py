@@ -53,17 +53,12 @@ def test_without_scatter_a_frame_is_chi_square_with_two_degrees_of_freedom() -> 
     assert squared.mean() == pytest.approx(2.0, abs=0.18)
 
 
-def test_mean_distance_is_the_weighted_mean_over_all_frames() -> None:
+def test_a_frame_weighs_as_much_as_its_points() -> None:
     rng = np.random.default_rng(3)
     points = [rng.normal(size=(count, 2)) * 0.4 for count in (1, 2, 15)]
     weights = [rng.uniform(0.1, 2.0, size=len(own)) for own in points]
     compressed = GeometricPoints.from_frames(points, weights)
     np.testing.assert_allclose(compressed.frame_weights, [own.sum() for own in weights])
-    lines = rng.normal(size=(3, 3))
-    residual = np.concatenate([C @ m for C, m in zip(compressed.statistics, lines, strict=True)])
-    distances = np.concatenate([own @ m[:2] + m[2] for own, m in zip(points, lines, strict=True)])
-    expected = np.average(distances, weights=np.concatenate(weights))
-    assert abs(compressed.mean_distance(residual) - expected) < 1e-14
 
 
 def test_effective_points_cap_a_frame_and_leave_lighter_ones() -> None:

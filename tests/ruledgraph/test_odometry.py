@@ -129,7 +129,7 @@ def test_biases_that_jump_are_found_anew(jump):
         for m in stream
     ]
     odometry, live, _ = run(jumping, calibration)
-    assert sum("images and IMU disagree" in warning for warning in odometry.warnings) == 1
+    assert sum("images and IMU have disagreed" in warning for warning in odometry.warnings) == 1
     # Told at the state after it, and over at the next one or, the velocity being known again, two.
     told = [e.stamp for e in live if e.status == "degraded" and e.stamp > at]
     assert at < told[0] < at + 300_000_000
@@ -170,6 +170,6 @@ def test_every_frames_velocity_is_its_own():
 )
 def test_the_imus_white_noise_is_no_less_than_in_motion(least, expected):
     calibration = replace(small_stream()[1], imu_noise=ADIS16448_LIKE)
-    settings = [f"imu.least_accelerometer_noise={least}", "imu.least_gyroscope_noise=1e-4"]
+    settings = [f"imu.min_accelerometer_noise={least}", "imu.min_gyroscope_noise=1e-4"]
     used = Odometry(calibration, load_config(None, settings)).mounting.calibration.imu_noise
     assert used == replace(ADIS16448_LIKE, accelerometer=expected)

@@ -43,7 +43,7 @@ def test_a_focal_length_that_is_off_by_three_percent_is_found_and_reported(facto
     assert found.value * factor == pytest.approx(1.0, abs=3.0 * found.sigma)
     assert found.sigma < 0.005
     word = "longer" if factor < 1.0 else "shorter"
-    assert re.search(rf"focal length is [0-9.]+ % .* {word} than", str(odometry.warnings))
+    assert re.search(rf"focal length is [0-9.]+ ± .* {word} than", str(odometry.warnings))
     _, held = run(factor, "intrinsics.estimate=false", moving=moving)
     assert error < 0.01
     assert held > 1.5 * error

@@ -141,7 +141,9 @@ def test_info_notices_another_readout_than_the_calibrations() -> None:
     def told(readout: float, given: float) -> list[float]:
         simulation, stream = recorded(readout, False)
         findings = examine_turning(stream, simulation.calibration.with_readout(given))
-        texts = [re.search(r"rows read within (\d+) ms", finding.text) for finding in findings]
+        texts = [
+            re.search(r"rows read within (\d+) ± \d+ ms", finding.text) for finding in findings
+        ]
         return [float(found[1]) for found in texts if found]
 
     (estimated,) = told(READOUT, 0.0)

@@ -9,8 +9,9 @@ from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Gap, ImuSample
 from ruledgraph.core.settings import load_config
+from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.trial import Trial
-from ruledgraph.integrity.gauge import heading
+from ruledgraph.integrity.gauge import yaw_alignment
 from ruledgraph.odometry import Odometry
 from small_runs import ate, run
 from small_simulation import frames, small_simulation, small_stream
@@ -44,7 +45,7 @@ def test_a_gap_in_the_imu_begins_a_new_segment():
     assert error @ np.linalg.solve(covariance, error) < 9.0
     assert np.sqrt(np.trace(covariance)) < 0.8
     attitudes = (e.world_T_body.rotation().matrix()[None] for e in (after, before))
-    assert abs(heading(*attitudes).yaw()) < 0.01
+    assert abs(yaw_alignment(*attitudes).yaw()) < 0.01
 
 
 def test_a_camera_that_is_silent_for_longer_than_the_window_begins_a_new_segment():
@@ -60,17 +61,17 @@ def test_a_camera_that_is_silent_for_longer_than_the_window_begins_a_new_segment
     assert {e.segment for e in live} == {e.segment for e in smoothed} == {0, 1}
 
 
-def test_an_estimate_that_ran_away_ends_its_segment(monkeypatch):
+def test_an_estimate_that_diverged_ends_its_segment(monkeypatch):
     stream, calibration = small_stream(moving=True)
     plausible, calls = Window.is_plausible, []
 
-    def runs_away_once(self):
+    def diverges_once(self):
         calls.append(1)
         return plausible(self) and len(calls) != 8
 
-    monkeypatch.setattr(Window, "is_plausible", runs_away_once)
+    monkeypatch.setattr(Window, "is_plausible", diverges_once)
     odometry, live, smoothed = run(stream, calibration)
-    assert sum("ran away" in warning for warning in odometry.warnings) == 1
+    assert sum("diverged" in warning for warning in odometry.warnings) == 1
     assert len(live) > 8  # it started again
     stamps = [e.stamp for e in smoothed]
     assert stamps == sorted(set(stamps))
@@ -107,7 +108,31 @@ def test_what_a_trial_held_back_is_handed_out_as_the_window_knows_it_by_then():
     assert compared > 10
 
 
-def test_a_start_on_moving_things_is_taken_back(monkeypatch):
+@pytest.mark.parametrize("on_trial", [False, True])
+def test_another_rotation_of_the_camera_begins_anew(monkeypatch, on_trial):
+    """A window holds to the one that it began with."""
+    stream, calibration = small_stream(moving=on_trial)
+    odometry, begun = Odometry(calibration), []
+    search = ClockSearch.search
+
+    def replaces_once(self, *known):
+        found = search(self, *known)
+        if not begun and odometry.window is not None and odometry.window.newest.time > 0.5:
+            begun.append(odometry.window)
+            self.rotation_replaced = True
+        return found
+
+    monkeypatch.setattr(ClockSearch, "search", replaces_once)
+    live = []
+    for measurement in stream:
+        odometry.add(measurement)
+        live += odometry.take_live()
+    assert len(begun) == 1
+    assert odometry.window not in (None, begun[0])
+    assert {e.segment for e in live} == ({0} if on_trial else {0, 1})
+
+
+def test_a_start_on_moving_things_is_discarded(monkeypatch):
     stream, calibration = small_stream(moving=True)
     passed, calls = Trial.passed, []
 
@@ -118,8 +143,17 @@ def test_a_start_on_moving_things_is_taken_back(monkeypatch):
         return passed(self, window, agrees)
 
     monkeypatch.setattr(Trial, "passed", refuted_once)
-    odometry, live, smoothed = run(stream, calibration)
-    assert sum("is taken back: its lines" in warning for warning in odometry.warnings) == 1
+    odometry, statuses = Odometry(calibration), set()
+    live, smoothed = [], []
+    for measurement in stream:
+        odometry.add(measurement)
+        statuses.add(odometry.status)
+        live += odometry.take_live()
+        smoothed += odometry.take_smoothed()
+    odometry.finish()
+    smoothed += odometry.take_smoothed()
+    assert sum("is discarded: its lines" in warning for warning in odometry.warnings) == 1
+    assert "initializing: the last start is discarded: its lines were no good" in statuses
     # Nothing of it was handed out, and the next one was.
     assert {e.segment for e in live + smoothed} == {0}
     assert len(live) > 20
@@ -179,7 +213,7 @@ def test_lines_that_contradict_the_imu_are_reported_and_flagged_or_end_the_segme
     for measurement in mirrored(measurements, 2.5):
         odometry.add(measurement)
         live += odometry.take_live()
-    told = "of the lines do not fit the estimate", "images and IMU disagree"
+    told = "of the lines do not fit the estimate", "images and IMU have disagreed"
     assert any(text in warning for warning in odometry.warnings for text in told)
     flagged = sum(e.status == "degraded" for e in live) > 5
     assert flagged or "a new segment begins" in odometry.warnings[-1]

@@ -8,7 +8,7 @@ import benchmark_speed
 
 
 def test_a_short_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(benchmark_speed, "MOST_LINES", (5, 30))
+    monkeypatch.setattr(benchmark_speed, "MAX_LINES", (5, 30))
     arguments = ["--out", str(tmp_path / "speed"), "--repeat", "1", "--seconds", "1"]
     result = CliRunner().invoke(benchmark_speed.main, arguments)
     assert result.exit_code == 0, result.output

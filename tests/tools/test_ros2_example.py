@@ -61,7 +61,7 @@ def test_poses_come_of_messages(example):
     stream, calibration = small_stream()
     # They come at once: all images have to wait.
     node = example.OdometryNode(calibration)
-    node.odometry._queue._most_frames = len(stream)
+    node.odometry._queue._max_frames = len(stream)
     with node.odometry:
         for item in stream:
             if isinstance(item, Frame):

@@ -22,13 +22,13 @@ from ruledgraph.imu.buffer import ImuBuffer
 LINES, FRAMES = 4, 140
 # See the package's docstring for what these stand for.
 _TAU = 0.01
-_MOST_POINTS = 20
-_LOSS, _PERTURBATION, _MOST_ATTEMPTS = 0.01, 0.03, 5
+_MAX_POINTS = 20
+_LOSS, _PERTURBATION, _MAX_ATTEMPTS = 0.01, 0.03, 5
 _FIRST_DISTANCE = 1.0
 _FIRST_FORCE = 0.1
 # An initial rest, s, and how little the gyroscope varies in it, rad/s.
 _REST, _STILL = 0.5, 0.02
-_FEWEST_LINES = 2
+_MIN_LINES = 2
 
 
 class PaperOdometry(Output):
@@ -131,7 +131,7 @@ class PaperOdometry(Output):
     def _start(self, frame: Frame, time: float) -> None:
         """Lines by the Hough transform, at an assumed distance."""
         ends = self._detector.lines(frame.image, LINES)
-        if len(ends) < _FEWEST_LINES:
+        if len(ends) < _MIN_LINES:
             self.warnings.append(
                 f"no start at {time:.2f} s: {len(ends)} lines by the Hough transform"
             )
@@ -175,7 +175,7 @@ class PaperOdometry(Output):
         best = solve(window.surfaces, points)
         least = loss(best, points, frames)
         attempts = 0
-        while least > _LOSS and attempts < _MOST_ATTEMPTS:
+        while least > _LOSS and attempts < _MAX_ATTEMPTS:
             attempts += 1
             found = solve(best.perturbed(self._rng, _PERTURBATION), points)
             if (its := loss(found, points, frames)) < least:
@@ -198,7 +198,7 @@ class PaperOdometry(Output):
             bias=self._derotation.bias,
             covariances=(unknown, unknown[:3, :3], unknown),
             lines=frame.lines,
-            status="tracking" if frame.lines >= _FEWEST_LINES else "dead reckoning",
+            status="tracking" if frame.lines >= _MIN_LINES else "dead reckoning",
             at_state=False,
         )
 
@@ -221,7 +221,7 @@ def _near_lines(
     chosen = []
     for of_line in distances:
         near = np.flatnonzero(of_line < _TAU)
-        if len(near) > _MOST_POINTS:
-            near = rng.choice(near, _MOST_POINTS, replace=False)
+        if len(near) > _MAX_POINTS:
+            near = rng.choice(near, _MAX_POINTS, replace=False)
         chosen.append(points[near])
     return chosen

@@ -20,7 +20,7 @@ _LINE_STEPS = (0.05, 0.05, 0.05, 0.05)
 _MOTION_STEPS = (0.05, 0.05, 0.05, 0.1, 0.1, 0.1)
 _STEP_RESIDUAL = 0.003
 _TOLERANCE = 1e-6
-_MOST_EVALUATIONS = 30
+_MAX_EVALUATIONS = 30
 
 
 class Points(NamedTuple):
@@ -223,6 +223,6 @@ def solve(start: Surfaces, points: Points) -> Surfaces:
         xtol=_TOLERANCE,
         gtol=_TOLERANCE,
         x_scale="jac",
-        max_nfev=_MOST_EVALUATIONS,
+        max_nfev=_MAX_EVALUATIONS,
     )
     return chart.surfaces(found.x)

@@ -17,9 +17,9 @@ from ruledgraph.core.estimates import LineEstimate
 # Share of a line's points beyond the reported ends.
 _STRAY = 0.05
 # Depth of a ray of unit depth after derotation, at least: 87 degrees off the axis.
-_LEAST_AHEAD = 0.05
+_MIN_AHEAD = 0.05
 # A line with fewer points is not seen in a frame.
-_FEWEST_POINTS = 3
+_MIN_POINTS = 3
 
 
 class Rulings(NamedTuple):
@@ -43,7 +43,7 @@ class Seen:
     @property
     def lines(self) -> int:
         """How many lines have points."""
-        return sum(len(points) >= _FEWEST_POINTS for points in self.points)
+        return sum(len(points) >= _MIN_POINTS for points in self.points)
 
 
 @dataclass(eq=False)
@@ -81,7 +81,7 @@ class Window:
         """Points (N, 2) of a frame as the first frame's camera would see their rays, (N, 2)."""
         R = self.frames[0].inertial.rotation.T @ frame.rotation
         rays = points @ R[:, :2].T + R[:, 2]
-        return np.asarray(rays[:, :2] / np.where(rays[:, 2:] > _LEAST_AHEAD, rays[:, 2:], np.nan))
+        return np.asarray(rays[:, :2] / np.where(rays[:, 2:] > _MIN_AHEAD, rays[:, 2:], np.nan))
 
     def points(self) -> Points:
         """All points that the first frame's camera has before it."""
@@ -96,7 +96,7 @@ class Window:
         p = np.concatenate([f.points[i] for i in range(len(sizes)) for f in self.frames])
         R = rotations[number]
         rays = R[:, :, 0] * p[:, :1] + R[:, :, 1] * p[:, 1:] + R[:, :, 2]
-        ahead = rays[:, 2] > _LEAST_AHEAD
+        ahead = rays[:, 2] > _MIN_AHEAD
         rays, line, number = rays[ahead], line[ahead], number[ahead]
         return Points(rays[:, :2] / rays[:, 2:], line, times[number], gammas[number])
 

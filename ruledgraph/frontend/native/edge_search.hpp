@@ -23,8 +23,8 @@ namespace ruledgraph {
 /// Of `EdgesConfig` in Python, which says what they mean and where their values come from.
 struct SearchSettings {
   double station_distance_px;
-  int most_stations, fewest_points;
-  double least_support, least_extent, least_slope, least_slope_share;
+  int max_stations, min_points;
+  double min_support, min_extent, min_slope, min_slope_share;
   int stripe_px;
   double stripe_share, vote_px, inlier_px, sigma_penalty, rival_distance_px, rival_share,
       end_growth;
@@ -101,13 +101,13 @@ inline std::vector<Station> stations(const GradientView& gradient, const Camera&
   const Point segment = ruling.second - ruling.first;
   const double length =
       norm(camera.distort(ruling.second).pixel - camera.distort(ruling.first).pixel);
-  const double shortest = settings.station_distance_px * settings.fewest_points;
+  const double shortest = settings.station_distance_px * settings.min_points;
   if (!(shortest < length && length < 4.0 * (camera.width + camera.height))) return {};
   const double extent = std::max(std::hypot(segment.x, segment.y), 1e-12);
   const Point normal{-segment.y / extent, segment.x / extent};
   const int last =
       static_cast<int>(std::min(length * (1.0 + 2.0 * beyond) / settings.station_distance_px,
-                                static_cast<double>(settings.most_stations)));
+                                static_cast<double>(settings.max_stations)));
   const double step = (1.0 + beyond + beyond) / last;
   const bool bent = ruling.bow.x != 0.0 || ruling.bow.y != 0.0;
   std::vector<Station> found;
@@ -130,7 +130,7 @@ inline std::vector<Station> stations(const GradientView& gradient, const Camera&
     if (across.x * turned.x + across.y * turned.y < 0.0) across = -1.0 * across;
     found.push_back({along, normalised, distorted.pixel, across});
   }
-  if (static_cast<int>(found.size()) < settings.fewest_points) found.clear();
+  if (static_cast<int>(found.size()) < settings.min_points) found.clear();
   return found;
 }
 
@@ -142,7 +142,7 @@ inline std::vector<Candidate> maxima(const GradientView& gradient, const Ruling&
   const int half = static_cast<int>(std::ceil(3.0 * std::max(sigma_first, sigma_second))) + 1;
   const auto sign = static_cast<float>((ruling.slope > 0.0) - (ruling.slope < 0.0));
   const auto least = static_cast<float>(
-      std::max(settings.least_slope, settings.least_slope_share * std::abs(ruling.slope)));
+      std::max(settings.min_slope, settings.min_slope_share * std::abs(ruling.slope)));
   const int stripe = settings.stripe_px;
   const auto stripe_share = static_cast<float>(settings.stripe_share);
   const int reach = half + 1;
@@ -248,8 +248,8 @@ inline std::vector<Candidate> inliers(const std::vector<Candidate>& candidates, 
       }
       if (best < candidates.size()) chosen.push_back(candidates[best]);
     }
-    if (static_cast<int>(chosen.size()) < settings.fewest_points ||
-        chosen.back().s() - chosen.front().s() < 2.0 * settings.least_extent) {
+    if (static_cast<int>(chosen.size()) < settings.min_points ||
+        chosen.back().s() - chosen.front().s() < 2.0 * settings.min_extent) {
       return {};
     }
     line = fit_line(
@@ -306,12 +306,12 @@ inline std::optional<EdgePoints> search(const GradientView& gradient, const Came
       edge_search::stations(gradient, camera, ruling, beyond, settings);
   if (stations.empty()) return std::nullopt;
   const std::vector<Candidate> candidates = maxima(gradient, ruling, stations, settings);
-  if (static_cast<int>(candidates.size()) < settings.fewest_points) return std::nullopt;
+  if (static_cast<int>(candidates.size()) < settings.min_points) return std::nullopt;
   const auto [winner, ambiguous] = vote(candidates, ruling, settings);
   const std::vector<Candidate> chosen = inliers(candidates, winner, settings);
   const auto looked_at = static_cast<double>(stations.size());
   const auto count = static_cast<double>(chosen.size());
-  if (count < std::max<double>(settings.fewest_points, settings.least_support * looked_at)) {
+  if (count < std::max<double>(settings.min_points, settings.min_support * looked_at)) {
     return std::nullopt;
   }
 

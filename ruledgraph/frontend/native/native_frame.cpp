@@ -82,16 +82,16 @@ struct NativeSettings {
   double border_px;
 };
 
-NativeSettings make_settings(double station_distance_px, int most_stations, int fewest_points,
-                             double least_support, double least_extent, double least_slope,
-                             double least_slope_share, int stripe_px, double stripe_share,
+NativeSettings make_settings(double station_distance_px, int max_stations, int min_points,
+                             double min_support, double min_extent, double min_slope,
+                             double min_slope_share, int stripe_px, double stripe_share,
                              double vote_px, double inlier_px, double sigma_penalty,
                              double rival_distance_px, double rival_share, double end_growth,
                              double border_px) {
-  require(fewest_points >= 3 && station_distance_px > 0.0 && stripe_px >= 0 && border_px >= 1.0,
+  require(min_points >= 3 && station_distance_px > 0.0 && stripe_px >= 0 && border_px >= 1.0,
           "settings of the search are out of range");
-  return {{station_distance_px, most_stations, fewest_points, least_support, least_extent,
-           least_slope, least_slope_share, stripe_px, stripe_share, vote_px, inlier_px,
+  return {{station_distance_px, max_stations, min_points, min_support, min_extent,
+           min_slope, min_slope_share, stripe_px, stripe_share, vote_px, inlier_px,
            sigma_penalty, rival_distance_px, rival_share, end_growth},
           border_px};
 }
@@ -231,9 +231,9 @@ NB_MODULE(_native_frame, module) {
            nb::arg("fy"), nb::arg("cx"), nb::arg("cy"), nb::arg("distortion"),
            nb::arg("coefficients"));
   nb::class_<NativeSettings>(module, "SearchSettings")
-      .def(nb::new_(&make_settings), nb::arg("station_distance_px"), nb::arg("most_stations"),
-           nb::arg("fewest_points"), nb::arg("least_support"), nb::arg("least_extent"),
-           nb::arg("least_slope"), nb::arg("least_slope_share"), nb::arg("stripe_px"),
+      .def(nb::new_(&make_settings), nb::arg("station_distance_px"), nb::arg("max_stations"),
+           nb::arg("min_points"), nb::arg("min_support"), nb::arg("min_extent"),
+           nb::arg("min_slope"), nb::arg("min_slope_share"), nb::arg("stripe_px"),
            nb::arg("stripe_share"), nb::arg("vote_px"), nb::arg("inlier_px"),
            nb::arg("sigma_penalty"), nb::arg("rival_distance_px"), nb::arg("rival_share"),
            nb::arg("end_growth"), nb::arg("border_px"));

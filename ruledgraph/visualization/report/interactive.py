@@ -19,7 +19,7 @@ from ruledgraph.visualization.run_tables import RunTables
 from ruledgraph.visualization.trajectory_figure import DrawnPath, path_of, shown_lines, view_box
 
 # Poses of a path that are drawn.
-_MOST_POSES = 2500
+_MAX_POSES = 2500
 _DIGITS = 4
 
 
@@ -128,5 +128,5 @@ def _lines(ends: FloatArray) -> dict[str, Any]:
 
 
 def _thinned(values: FloatArray) -> FloatArray:
-    step = max(1, -(-len(values) // _MOST_POSES))
+    step = max(1, -(-len(values) // _MAX_POSES))
     return values[::step]

@@ -127,7 +127,7 @@ def test_a_calibration_of_another_size_is_refused_at_once(run, tmp_path):
 
 def test_the_odometrys_warnings_are_printed(run, capsys):
     stream, _ = small_stream()
-    hanging = stream[-1].stamp - 1_000_000_000
-    still = next(m.image for m in stream if isinstance(m, Frame) and m.stamp > hanging)
-    run(Frame(m.stamp, still) if isinstance(m, Frame) and m.stamp > hanging else m for m in stream)
-    assert "warning: the camera hangs" in capsys.readouterr().err
+    frozen = stream[-1].stamp - 1_000_000_000
+    still = next(m.image for m in stream if isinstance(m, Frame) and m.stamp > frozen)
+    run(Frame(m.stamp, still) if isinstance(m, Frame) and m.stamp > frozen else m for m in stream)
+    assert "warning: the camera is frozen" in capsys.readouterr().err

@@ -32,7 +32,7 @@ def test_shares_are_of_the_right_whole():
     assert found["Frames"] == "180 of 200 estimated (90.0 %)"
     assert found["Status"] == "tracking 67.5 %, still 22.5 %"
     assert found["Lines"] == "30 in the map, seen 45 times, 9.2 in view on average"
-    assert found["Speed"] == "10.0 s of recording in 4.0 s, 2.50 of real time"
+    assert found["Speed"] == "10.0 s of recording in 4.0 s, 2.50 times real time"
     assert found["Next"] == "ruledgraph report out"
     assert "Time offset" not in found
     assert "Readout" not in found
@@ -62,7 +62,7 @@ def test_errors_offset_and_recoveries_where_there_are_some():
     )
     assert found["ATE live"] == "no overlap"
     assert found["Time offset"] == "t_imu - t_cam = -1.51 ± 0.10 ms, estimated; +2.0 ms as given"
-    assert found["Lines"].endswith("; 1 recoveries")
+    assert found["Lines"].endswith("; 1 recovery")
     assert rows(time_offset=offset | {"estimated": False})["Time offset"] == (
         "+2.0 ms as given, not estimated"
     )
@@ -95,6 +95,18 @@ def test_a_run_that_never_started():
     assert found["Frames"] == "0 of 0 estimated"
     assert "Next" not in found
     assert "Status" not in found
+
+
+def test_a_run_that_never_started_has_estimated_nothing():
+    offset = {"s": 0.002, "sigma_s": 0.01, "estimated": True, "given_s": 0.002}
+    turned = dict.fromkeys(("rotation_deg", "translation_m"), 0.0) | {"estimated": True}
+    none = {"frames_estimated": 0, "status": {}, "extrinsics": turned, "edge_sigma_px": 1.0}
+    found = rows(time_offset=offset, **none)
+    assert found["Time offset"] == "+2.0 ms as given"
+    assert not {"Extrinsics", "Edges"} & found.keys()
+    # What images and gyroscope have shown needs no start.
+    found = rows(time_offset=offset | {"s": 0.03, "sigma_s": 0.001}, **none)
+    assert found["Time offset"] == "t_imu - t_cam = +30.00 ± 1.00 ms, estimated; +2.0 ms as given"
 
 
 def test_names_with_spaces_can_be_pasted():

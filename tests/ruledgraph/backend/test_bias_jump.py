@@ -63,7 +63,7 @@ def run(
         times = made.times[part].tolist()
         own_limit = limit if times[0] > ON_TRIAL else np.inf
         stamps, tracks = made.stamps[part], made.tracks
-        window.extend(stamps, times, made.imu, tracks, still=False, jump_limit=own_limit)
+        window.extend(stamps, times, made.imu, tracks, still=False, jump_threshold=own_limit)
         if times[-1] < solved_until:
             window.optimize()
         test = window.jump_test

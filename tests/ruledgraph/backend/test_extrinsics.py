@@ -106,7 +106,7 @@ def test_a_mounting_begins_with_the_calibration_and_keeps_what_is_found():
         assert list(warnings) == []
         mounting.update(Extrinsics(turned([0.0, turn, 0.0]), np.eye(6) * 1e-6), None)
     assert list(warnings) == [
-        "the camera is turned by 1.5 deg (deviation 0.1 deg) from where the calibration has it on "
+        "the camera is turned by 1.5 ± 0.1 deg from where the calibration has it on "
         "the IMU: correct T_cam_imu"
     ]
     off = CameraMounting(CALIBRATION, Config(extrinsics=ExtrinsicsConfig(estimate=False)), warnings)

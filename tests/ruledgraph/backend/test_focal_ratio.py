@@ -124,8 +124,7 @@ def test_it_is_kept_and_warned_of_once_it_is_settled():
     assert mounting.camera == lens.bent_by(1.037)
     (warning,) = warnings
     assert warning == (
-        "the focal length is 3.0 % (deviation 0.2 %) longer than the calibration's: correct "
-        "intrinsics"
+        "the focal length is 3.0 ± 0.2 % longer than the calibration's: correct intrinsics"
     )
     held = Config(intrinsics=IntrinsicsConfig(estimate=False))
     assert CameraMounting(CALIBRATION, held, warnings).focal_ratio is None

@@ -21,7 +21,7 @@ def turned(rate: np.ndarray, start: gtsam.Rot3) -> Interval:
     imu = ImuBuffer()
     for time in TIMES.tolist():
         R = start.compose(gtsam.Rot3.Expmap(rate * time))
-        # Readings that never change would be those of an IMU that hangs.
+        # Readings that never change would be those of a frozen IMU.
         force = R.matrix().T @ -np.asarray(imu.gravity) + 1e-7 * time
         imu.append(time, rate, force)
     state = gtsam.NavState(gtsam.Pose3(start, np.zeros(3)), np.zeros(3))

@@ -42,7 +42,7 @@ def run(made: IdealTracks, limit: float, until: float = DURATION) -> tuple[Windo
         if times[-1] > until:
             break
         stamps, tracks = made.stamps[first : first + STEP], made.tracks
-        window.extend(stamps, times, made.imu, tracks, still=True, jump_limit=limit)
+        window.extend(stamps, times, made.imu, tracks, still=True, jump_threshold=limit)
         window.optimize()
         jumped += [window.newest.time] if window.jumped else []
     return window, jumped

@@ -254,7 +254,7 @@ def test_new_lines_say_next_to_nothing_of_place_and_heading():
                 for moved in moves
             ]
             information = np.zeros((4, 4))
-            for factor in new_line_factors(interval.node, seen, Config().lines, 3.0):
+            for factor in new_line_factors(interval.node, line, Config().lines, 3.0):
                 linear = factor.linearize(values)
                 order = linear.keys()
                 by_all = [np.concatenate([change[key] for key in order]) for change in changes]

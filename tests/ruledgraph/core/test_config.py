@@ -56,7 +56,7 @@ def test_a_value_of_the_file_that_is_wrong_is_named_with_the_file(tmp_path):
     [
         (
             "window.lagg=2",
-            "--set window.lagg: no such setting; there are state_interval, lag, updates",
+            "--set window.lagg: no such setting; there are state_interval, lag, camera_period",
         ),
         (
             "windows.lag=2",

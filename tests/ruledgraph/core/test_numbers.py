@@ -17,14 +17,14 @@ ALLOWED = {
     "backend/bias_jump.py": {
         "JUMP_DOF": "three axes of two sensors",
         "_CONVERGED": "far below one, a standard deviation",
-        "_MOST_ITERATIONS": MEMORY,
+        "_MAX_ITERATIONS": MEMORY,
         "_QUADRATIC": NUMERICS,
     },
-    "backend/innovation.py": {"_LEAST_GAIN": "below it what images tell is lost in linearisation"},
+    "backend/innovation.py": {"_MIN_GAIN": "below it what images tell is lost in linearisation"},
     "backend/landmarks.py": {"_KEPT": MEMORY, "_INFINITE": NUMERICS, "_PARALLEL": NUMERICS},
     "backend/line_distance.py": {"_KNOWN": "three standard deviations"},
     "backend/line_fit.py": {"_AT_INFINITY": NUMERICS},
-    "backend/line_graph_builder.py": {"_LEAST_TIE": NUMERICS},
+    "backend/line_graph_builder.py": {"_MIN_REANCHOR_SIGMA": NUMERICS},
     "backend/line_weights.py": {
         "_NO_NOISE": NUMERICS,
         "_LINE_DOF": "counts unknowns",
@@ -34,10 +34,10 @@ ALLOWED = {
         "_PARALLEL": "up to which angle the chart is close to linear",
         "_ROUNDING": NUMERICS,
     },
-    "frontend/detection.py": {"_MOST_PREFETCHED": MEMORY},
-    "frontend/edge_batch.py": {"_LEVEL": NUMERICS, "_LEAST_PART": NUMERICS},
+    "frontend/detection.py": {"_MAX_PREFETCHED": MEMORY},
+    "frontend/edge_batch.py": {"_LEVEL": NUMERICS, "_MIN_PART": NUMERICS},
     "frontend/front_end.py": {
-        "_MOST_GRADIENTS": MEMORY,
+        "_MAX_GRADIENTS": MEMORY,
     },
     "frontend/gradient.py": {
         "BORDER_PX": "follows from the width of blur and derivative",
@@ -70,7 +70,7 @@ ALLOWED = {
         ("_MANY_CLOSE", "_CLOSE"), "tells a wrong unit from stamps that scatter"
     ),
     "integrity/unmoved_lines.py": {"_NOISE": "how well lines of real images are found"},
-    "imu/rest.py": {"_FEWEST": "two readings, less their mean, have no integral"},
+    "imu/rest.py": {"_MIN_READINGS": "two readings, less their mean, have no integral"},
     "imu/synchronizer.py": {"_UNRELATED": "chooses the words of a warning"},
 }
 

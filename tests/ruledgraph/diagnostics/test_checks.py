@@ -74,7 +74,7 @@ def turned_up(times, imu):
     return times, imu
 
 
-def hung(times, imu):
+def frozen(times, imu):
     imu[700:720] = imu[700]
     return times, imu
 
@@ -116,11 +116,22 @@ def bunched(times, imu):
     return late, imu
 
 
+def in_bursts(times, imu):
+    """Five readings at once, stamped as they arrive."""
+    return np.repeat(times[4::5], 5) + np.tile(1e-5 * np.arange(5), len(times) // 5), imu
+
+
+def late(times, imu):
+    """Stamps of arrival, by up to two steps late."""
+    delays = np.random.default_rng(0).uniform(0.0, 2.0 * np.diff(times)[0], len(times))
+    return np.sort(times + delays), imu
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (turned_up, "at rest the accelerometer shows 8.83 instead of 9.81 m/s^2; check its unit"),
-        (hung, "the IMU gives the same reading 20 times in a row"),
+        (frozen, "the IMU gives the same reading 20 times in a row"),
         (saturated, "the gyroscope's y stays at 0.25 rad/s for"),
         (noisy, "times the calibration's; raise that"),
         (biased, "at rest the gyroscope shows 0.2 rad/s; calibrate it"),
@@ -130,6 +141,8 @@ def bunched(times, imu):
         (slow, "the IMU runs at 50 Hz; record at 100 Hz at the least"),
         (lossy, "% of the IMU's measurements are missing"),
         (bunched, "of a step uneven; are they times of arrival?"),
+        (in_bursts, "the IMU's stamps are 159% of a step uneven"),
+        (late, "of a step uneven; are they times of arrival?"),
     ],
 )
 def test_what_is_wrong_is_found(change, message):
@@ -137,6 +150,13 @@ def test_what_is_wrong_is_found(change, message):
     found = bad(examine(observed(*change(times, imu)), NOISE))
     assert any(message in text for text in found), found
     assert all("\n" not in text for text in found)
+
+
+@pytest.mark.parametrize("change", [in_bursts, late])
+def test_uneven_stamps_are_no_losses(change):
+    found = list(examine(observed(*change(*healthy())), NOISE))
+    assert not any("missing" in finding.text for finding in found if "IMU" in finding.text), found
+    assert not any("Hz" in finding.text for finding in found if "runs at" in finding.text), found
 
 
 def test_lost_frames_are_found():

@@ -179,7 +179,7 @@ def test_a_bent_edge_is_found_along_its_parabola() -> None:
 @pytest.mark.parametrize("name", SEARCH_SETTINGS)
 def test_kernels_take_the_same_settings(name, monkeypatch):
     """Each changes what is found, and for both alike."""
-    others = {"fewest_points": 30, "sigma_penalty": 1.0, "rival_share": 0.4}
+    others = {"min_points": 30, "sigma_penalty": 1.0, "rival_share": 0.4}
     other = others.get(name, 2 * getattr(EdgesConfig(), name))
     camera, changed = CAMERAS[0], False
     for seed in range(4):

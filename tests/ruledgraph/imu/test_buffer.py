@@ -12,14 +12,14 @@ STEP = 0.005
 GRAVITY = np.array(STANDARD_GRAVITY)
 
 
-def filled(skip=(), hang=()) -> ImuBuffer:
-    """Samples at 200 Hz for a second, without those in `skip`, and with repetitions in `hang`."""
+def filled(skip=(), frozen=()) -> ImuBuffer:
+    """Samples at 200 Hz for a second, without those in `skip`, and with repetitions in `frozen`."""
     rng = np.random.default_rng(0)
     imu, reading = ImuBuffer(), rng.normal(size=(2, 3))
     for i in range(200):
         if i in skip:
             continue
-        if i not in hang:
+        if i not in frozen:
             reading = rng.normal(size=(2, 3))
         imu.append(i * STEP, *reading)
     return imu
@@ -34,21 +34,21 @@ def test_where_samples_are_missing_there_is_a_hole():
     assert filled(skip=range(100, 105)).unreliable(0.0, 0.99) == []
 
 
-def test_a_hanging_imu_is_silent():
-    imu = filled(hang=range(100, 140))
+def test_a_frozen_imu_is_silent():
+    imu = filled(frozen=range(100, 140))
     ((start, stop, _),) = imu.unreliable(0.0, 0.99)
     assert (start, stop) == pytest.approx((99 * STEP, 140 * STEP))
 
 
-def test_while_it_hangs_time_stands_still_and_then_it_is_reported():
-    imu = filled(hang=range(150, 200))
+def test_while_it_is_frozen_time_stands_still_and_then_it_is_reported():
+    imu = filled(frozen=range(150, 200))
     assert imu.latest == pytest.approx(149 * STEP)
     assert imu.append(200 * STEP, np.ones(3), np.ones(3)) == pytest.approx(50 * STEP)
     assert imu.latest == pytest.approx(200 * STEP)
 
 
 def test_some_equal_readings_are_samples():
-    imu = filled(hang=(100, 101, 102))
+    imu = filled(frozen=(100, 101, 102))
     assert len(imu.between(0.0, 0.995).times) == 200
 
 

@@ -159,7 +159,7 @@ def test_a_few_wrong_associations_do_no_harm_and_more_are_refused():
     np.testing.assert_allclose(velocity, true, atol=0.05)
     refusal = begun(jumped(in_motion(1), 0.35))
     assert isinstance(refusal, Refusal)
-    assert "% of the lines fit a common motion" in refusal.reason
+    assert "% of the line sightings fit a common motion" in refusal.reason
 
 
 def test_a_start_waits_until_the_velocity_is_known():
@@ -211,7 +211,7 @@ def test_a_start_is_refused_when_another_motion_fits_as_well(
     start = begun(made)
     assert isinstance(start, Start) == is_accepted
     if isinstance(start, Refusal):
-        assert start.reason == "two motions explain the lines as well as each other"
+        assert start.reason == "two different motions explain the lines equally well"
 
 
 def test_a_hypothesis_that_is_stuck_is_no_rival():

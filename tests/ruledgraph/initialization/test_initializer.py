@@ -87,15 +87,15 @@ def test_a_start_begins_at_the_first_frame_of_its_window(moving):
 def test_a_start_whose_clock_offset_is_doubted_waits(moving, monkeypatch):
     run, offsets = Run(moving, image_motion=5.0), []
 
-    def doubts(_search, offset):
+    def contradicts_known(_search, offset):
         offsets.append(offset)
         return len(offsets) == 1
 
-    monkeypatch.setattr(ClockSearch, "doubts", doubts)
+    monkeypatch.setattr(ClockSearch, "contradicts_known", contradicts_known)
     run.sensors.offset_correction = 0.02
     found = [(time, f) for time, f in run.attempts(1.5) if f is not None]
     assert found[0][0] == pytest.approx(1.15)  # at the second attempt
-    assert "frames seem to be taken" in run.output.warnings[0]
+    assert "the start suggests a time offset" in run.output.warnings[0]
     # The frames were taken at their times, which are so much later than their stamps.
     assert offsets == pytest.approx([CALIBRATION.time_offset + 0.02] * len(offsets), abs=2e-3)
 

@@ -27,7 +27,7 @@ def look(value: float, sigma: float = 0.005, certain: bool = True) -> ReadoutEst
 class Looks:
     """In place of images: each look finds the next of these estimates."""
 
-    most = 40
+    max_pairs = 40
 
     def __init__(self, found: Sequence[ReadoutEstimate | None]) -> None:
         self.left = list(found)
@@ -72,7 +72,7 @@ def test_the_first_images_are_used_and_then_the_mean(monkeypatch):
     used, search, warnings, looks = searched(monkeypatch, found, counts=[40, 40])
     assert used == pytest.approx([0.020, 0.025])
     assert search.found == pytest.approx((0.025, 0.005 / np.sqrt(2)))
-    assert [w for w in map(str, warnings) if "rows are read within 20 ms" in w] == list(
+    assert [w for w in map(str, warnings) if "rows are read within 20 ± 5 ms" in w] == list(
         map(str, warnings)
     )
     assert looks.as_global == [True, True]

@@ -44,7 +44,7 @@ def test_a_trial_fails_when_lines_go():
     trial = Trial(start_with(range(6)), 1.0, Config())
     assert not trial.passed(window_at(1.0, range(6)), agrees=True)
     assert not trial.passed(window_at(1.3, [0, 1]), agrees=True)
-    assert trial.failure == "4 of its 6 lines did not fit for long"
+    assert trial.failure == "4 of its 6 lines were rejected"
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 
 from ruledgraph.backend.start import Start
 from ruledgraph.core.config import IntegrityConfig
-from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState, continued, heading
+from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState, continued, yaw_alignment
 
 LIMITS = IntegrityConfig()
 MOUNTINGS = (gtsam.Rot3(), gtsam.Rot3.Ry(-np.pi / 2), gtsam.Rot3.Rx(-np.pi / 2))
@@ -33,7 +33,7 @@ def test_headings_of_any_mounting(mounting):
     rng = np.random.default_rng(0)
     true = [gtsam.Rot3.Expmap(0.1 * rng.normal(size=3)) * mounting for _ in range(5)]
     ours = [gtsam.Rot3.Yaw(2.5) * R for R in true]
-    turn = heading(*(np.array([R.matrix() for R in attitudes]) for attitudes in (ours, true)))
+    turn = yaw_alignment(*(np.array([R.matrix() for R in attitudes]) for attitudes in (ours, true)))
     assert turn.yaw() == pytest.approx(2.5)
 
 
@@ -46,7 +46,7 @@ def test_a_segment_continues_where_the_last_one_ended(mounting):
     start, gauge = continued(fresh, last, LIMITS)
     assert start.state.attitude().equals(pose.rotation(), 1e-6)
     np.testing.assert_allclose(start.state.position(), [1.003, 2.0, 3.0], atol=1e-4)
-    assert np.sqrt(np.trace(gauge.position)) < 0.01
+    assert np.sqrt(np.trace(gauge.position_covariance)) < 0.01
 
 
 def test_gauge_uncertainty_grows_with_the_gap():
@@ -56,8 +56,10 @@ def test_gauge_uncertainty_grows_with_the_gap():
     for gap in (0.1, 1.0, 5.0):
         start, gauge = continued(start_at(gtsam.Pose3(), 10.0 + gap), last, LIMITS)
         off = start.state.position() - (pose.translation() + gap * last.velocity)
-        assert off @ np.linalg.solve(gauge.position, off) < 1.5  # had it gone on as it went
-        sigmas.append([np.sqrt(np.trace(gauge.position)), np.sqrt(gauge.heading)])
+        assert (
+            off @ np.linalg.solve(gauge.position_covariance, off) < 1.5
+        )  # had it gone on as it went
+        sigmas.append([np.sqrt(np.trace(gauge.position_covariance)), np.sqrt(gauge.yaw_variance)])
     assert np.all(np.diff(sigmas, axis=0) > 0.0)
 
 
@@ -69,16 +71,18 @@ def test_the_last_velocity_covariance_grows_into_the_position_over_a_gap():
     last = ReliableState(10.0, pose, np.zeros(3), (of_pose, of_velocity, np.eye(6)))
     certain = IntegrityConfig(gap_acceleration=0.0, gap_turn_rate=0.0)
     _, gauge = continued(start_at(gtsam.Pose3(), 12.0), last, certain)
-    np.testing.assert_allclose(gauge.position, R @ of_pose[3:, 3:] @ R.T + 4.0 * of_velocity)
-    assert gauge.heading == pytest.approx(1e-6)
+    np.testing.assert_allclose(
+        gauge.position_covariance, R @ of_pose[3:, 3:] @ R.T + 4.0 * of_velocity
+    )
+    assert gauge.yaw_variance == pytest.approx(1e-6)
 
 
 def test_gauge_uncertainty_by_the_settings_of_a_gap():
     last = ReliableState(10.0, gtsam.Pose3(), np.zeros(3), tuple(0.0 * c for c in CERTAIN))
     _, gauge = continued(start_at(gtsam.Pose3(), 12.0), last, LIMITS)
     # Half an acceleration of 1 m/s^2 over 2 s, and a turn of 0.3 rad/s.
-    np.testing.assert_allclose(gauge.position, 4.0 * np.eye(3))
-    assert gauge.heading == pytest.approx(0.36)
+    np.testing.assert_allclose(gauge.position_covariance, 4.0 * np.eye(3))
+    assert gauge.yaw_variance == pytest.approx(0.36)
 
 
 def test_gauge_uncertainty_in_covariances():

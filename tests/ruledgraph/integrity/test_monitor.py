@@ -43,22 +43,22 @@ def test_stamps_that_are_off_are_reported():
 
 def test_nothing_jumps_while_a_start_is_on_trial_or_many_lines_do_not_fit():
     monitor = IntegrityMonitor(GaugeUncertainty(), Messages(), Config(), on_trial=True)
-    assert monitor.jump_limit == np.inf
+    assert monitor.jump_threshold == np.inf
     monitor.confirm(0.0)
-    assert np.isfinite(monitor.jump_limit)
+    assert np.isfinite(monitor.jump_threshold)
     _, misfit, _ = compared(misfits=3)
-    assert np.isinf(misfit.jump_limit)
+    assert np.isinf(misfit.jump_threshold)
 
 
 def test_biases_jump_where_the_innovation_contradicts_and_lines_agree():
     window, monitor, _ = monitored_window()
     window.innovation = Innovation(9e3, 9, window.newest.time - 1.0)
     monitor.update(window, False)
-    assert monitor.jump_limit == -np.inf
+    assert monitor.jump_threshold == -np.inf
     window.innovation = None
     window.jump_test = JumpTest(1.0, np.zeros(6), jumped=True)
     monitor.update(window, False)
-    assert np.isfinite(monitor.jump_limit)
+    assert np.isfinite(monitor.jump_threshold)
 
 
 def test_a_jump_is_held_against_the_ratios_before():
@@ -74,12 +74,12 @@ def test_a_jump_is_held_against_the_ratios_before():
     known = limits.variance_prior + 20 * 6
     factor = (limits.variance_prior + 20 * 30.0) / known
     expected = 6.0 * factor * f_ratio.ppf(limits.confidence, 6, known)
-    assert monitor.jump_limit == pytest.approx(expected, rel=1e-3)
+    assert monitor.jump_threshold == pytest.approx(expected, rel=1e-3)
     # The first one is of the noise figures alone.
     window.jump_test, fresh = None, IntegrityMonitor(GaugeUncertainty(), Messages(), config)
     fresh.update(window, False)
     alone = 6.0 * f_ratio.ppf(limits.confidence, 6, limits.variance_prior)
-    assert fresh.jump_limit == pytest.approx(alone, rel=1e-6)
+    assert fresh.jump_threshold == pytest.approx(alone, rel=1e-6)
 
 
 def nearly_parallel(degrees: float) -> np.ndarray:
@@ -174,8 +174,8 @@ def test_innovations_that_began_before_the_lines_fitted_make_no_jump(since, jump
     for interval in window.intervals:
         interval.misfits = 0
     monitor.update(window, False)
-    assert (monitor.jump_limit == -np.inf) == jumps
-    assert jumps or np.isfinite(monitor.jump_limit)
+    assert (monitor.jump_threshold == -np.inf) == jumps
+    assert jumps or np.isfinite(monitor.jump_threshold)
 
 
 def test_lines_that_do_not_fit_for_long_are_those_of_a_lost_estimate():

@@ -145,6 +145,6 @@ def test_one_sum_of_squares_in_a_hundred_is_larger_than_the_most_at_99_percent(w
         factor = VarianceFactor(config)
         for time in (3.0 * np.arange(windows)).tolist():
             factor.update(told(true * rng.chisquare(10), 10, time), time)
-        larger += true * rng.chisquare(dof) > factor.most(dof, 0.99)
+        larger += true * rng.chisquare(dof) > factor.quantile(dof, 0.99)
     # As for innovations above.
     assert 0.004 < larger / count < 0.013

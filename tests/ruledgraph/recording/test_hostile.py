@@ -183,7 +183,7 @@ def test_a_compressed_file_that_would_fill_the_disk(
             yield piece
 
     monkeypatch.setattr(rosbag2, "_unpacked", counted)
-    monkeypatch.setattr(rosbag2, "_MOST_GROWTH_OF_SMALL", 8 * MEGABYTE)
+    monkeypatch.setattr(rosbag2, "_MAX_GROWTH_OF_SMALL", 8 * MEGABYTE)
     _, text = outcome(folder)
     assert "it unpacks to more than 8 MB" in text
     assert 8 * MEGABYTE < sum(sizes) < 10 * MEGABYTE

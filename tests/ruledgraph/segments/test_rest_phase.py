@@ -25,7 +25,7 @@ MOVED = gtsam.NavState(
 PROPAGATED = (2e-6 * np.eye(6), 3e-6 * np.eye(3), 1e-4 * np.eye(6))
 NO_ROTATION = gtsam.Pose3()
 LINES = np.tile([[1.0, 0.0, 0.1], [0.0, 1.0, -0.2], [0.6, 0.8, 0.0], [0.8, -0.6, 0.3]], (3, 1))
-LONGEST = CONFIG.rest.open_time
+LONGEST = CONFIG.rest.max_undecided_time
 
 
 class Shown:
@@ -62,18 +62,18 @@ def phase(
 def test_a_rest_ends_where_the_image_moves(imu_rests):
     moving = phase(Shown(image_rests=False, imu_rests=imu_rests))
     assert not moving.goes_on
-    assert not moving.is_open
+    assert not moving.is_undecided
     state, covariances = moving.estimate(WINDOW, MOVED, PROPAGATED)
     assert state is MOVED
     assert covariances is PROPAGATED
 
 
-def test_it_is_open_only_after_a_rest_and_only_so_long():
+def test_it_is_undecided_only_after_a_rest_and_only_so_long():
     imu_alone = Shown(image_rests=True, imu_rests=False)
-    assert phase(imu_alone).is_open
-    assert not phase(imu_alone, of_state=False).is_open
-    assert phase(imu_alone, time=NODE.time + LONGEST - 0.05).is_open
-    assert not phase(imu_alone, time=NODE.time + LONGEST + 0.01).is_open
+    assert phase(imu_alone).is_undecided
+    assert not phase(imu_alone, of_state=False).is_undecided
+    assert phase(imu_alone, time=NODE.time + LONGEST - 0.05).is_undecided
+    assert not phase(imu_alone, time=NODE.time + LONGEST + 0.01).is_undecided
 
 
 @pytest.mark.parametrize("how", ["IMU at rest again", "too long", "last frame"])
@@ -87,15 +87,15 @@ def test_lines_decide_what_was_open(how, moved):
     assert made.goes_on
     shown.imu_rests = False
     made.look(WINDOW, 1.2, MOVED, NO_ROTATION)
-    assert made.is_open
+    assert made.is_undecided
     assert not made.goes_on
     shown.moved = np.full(len(LINES), moved)
     shown.imu_rests = how == "IMU at rest again"
     time = NODE.time + (LONGEST + 0.1 if how == "too long" else 0.5)
     made.look(WINDOW, time, MOVED, NO_ROTATION, last=how == "last frame")
-    assert not made.is_open
+    assert not made.is_undecided
     assert made.goes_on == (moved < 0.1)
-    assert made.state_follows() == made.goes_on
+    assert made.begin_state() == made.goes_on
 
 
 def test_a_body_that_moves_by_the_imu_begins_to_rest_only_where_lines_say_so():
@@ -113,10 +113,20 @@ def test_at_rest_the_state_is_the_newest_one():
     assert np.linalg.eigvalsh(covariances[0] - np.outer(x, x))[0] > 0.0
 
 
-def test_while_it_is_open_the_covariance_is_that_of_both_cases_or_more():
+def test_it_is_decided_before_the_window_is_over():
+    """Else the segment would end for want of frames that go on coming."""
+    short = CONFIG.model_copy(update={"window": CONFIG.window.model_copy(update={"lag": 0.6})})
+    for after, undecided in ((0.29, True), (0.31, False)):
+        made = RestPhase(Shown(image_rests=True, imu_rests=False), 400.0, short)
+        made.of_state = True
+        made.look(WINDOW, NODE.time + after, MOVED, NO_ROTATION)
+        assert made.is_undecided == undecided
+
+
+def test_while_it_is_undecided_the_covariance_is_that_of_both_cases_or_more():
     """About the estimate, of a mixture of a body that moved (the estimate) and one that did not."""
-    is_open = phase(Shown(image_rests=True, imu_rests=False))
-    state, covariances = is_open.estimate(WINDOW, MOVED, PROPAGATED)
+    is_undecided = phase(Shown(image_rests=True, imu_rests=False))
+    state, covariances = is_undecided.estimate(WINDOW, MOVED, PROPAGATED)
     assert state is MOVED
     rng = np.random.default_rng(0)
     unmoved = MOVED.pose().localCoordinates(NODE.state.pose())
