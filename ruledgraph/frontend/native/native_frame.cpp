@@ -90,9 +90,9 @@ NativeSettings make_settings(double station_distance_px, int max_stations, int m
                              double border_px) {
   require(min_points >= 3 && station_distance_px > 0.0 && stripe_px >= 0 && border_px >= 1.0,
           "settings of the search are out of range");
-  return {{station_distance_px, max_stations, min_points, min_support, min_extent,
-           min_slope, min_slope_share, stripe_px, stripe_share, vote_px, inlier_px,
-           sigma_penalty, rival_distance_px, rival_share, end_growth},
+  return {{station_distance_px, max_stations, min_points, min_support, min_extent, min_slope,
+           min_slope_share, stripe_px, stripe_share, vote_px, inlier_px, sigma_penalty,
+           rival_distance_px, rival_share, end_growth},
           border_px};
 }
 
