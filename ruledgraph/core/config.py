@@ -77,7 +77,7 @@ class WindowConfig(Section):
     lag: float = number(4.0, "s", 0.04, 60.0)
     """Length of the window; what leaves it is linearized for good. The longer, the more accurate
     and the slower: in random parts of recordings 4 s leave 0.9 (live) and 0.8 (smoothed) of the
-    error of 2.5 s, in 1.3 times the time. The paper's is 1.55 s (140 frames at 90 fps)."""
+    error of 2.5 s, in 1.2 times the time. The paper's is 1.55 s (140 frames at 90 fps)."""
     camera_period: float = number(1.0, "s", 0.0, 60.0)
     """For so long the camera's pose in the body and its focal length count as constant: they hardly
     change in a second, and every variable costs time."""

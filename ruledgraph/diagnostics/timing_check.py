@@ -31,10 +31,12 @@ def examine_timing(name: str, times: FloatArray) -> Iterator[Finding]:
     if rate < _NEARLY * _MIN_RATES[name]:
         least = f"{_MIN_RATES[name]:.0f} Hz"
         yield Finding(False, f"the {name} runs at {rate:.3g} Hz; record at {least} at the least")
-    is_uneven = bool(np.mean(steps < _SHORT * usual) > _MAX_SHORT)
-    kept = steps if is_uneven else steps[steps < _LOSS * usual]
-    lost = 0 if is_uneven else int(np.round(steps[steps >= _LOSS * usual] / usual - 1.0).sum())
-    jitter = float(np.abs(kept - usual).mean() if is_uneven else kept.std()) / usual
+    if np.mean(steps < _SHORT * usual) > _MAX_SHORT:
+        yield _uneven(name, float(np.abs(steps - usual).mean()) / usual)
+        return
+    kept = steps[steps < _LOSS * usual]
+    lost = int(np.round(steps[steps >= _LOSS * usual] / usual - 1.0).sum())
+    jitter = float(kept.std()) / usual
     share = lost / (lost + len(times))
     if share > _MAX_LOST:
         yield Finding(
@@ -42,15 +44,19 @@ def examine_timing(name: str, times: FloatArray) -> Iterator[Finding]:
             f"{share:.0%} of the {name}'s measurements are missing; record fewer topics, "
             "uncompressed, to a faster disk",
         )
-    if is_uneven or jitter > _REGULAR:
-        yield Finding(
-            False,
-            f"the {name}'s stamps are {jitter:.0%} of a step uneven; are they times of arrival? "
-            "Record with the sensor's own clock",
-        )
+    if jitter > _REGULAR:
+        yield _uneven(name, jitter)
     elif share <= _MAX_LOST:
         yield Finding(
             True,
             f"the {name}'s stamps come every {1e3 * usual:.3g} ms, even to {1e3 * kept.std():.2g} "
             f"ms; {lost} missing",
         )
+
+
+def _uneven(name: str, jitter: float) -> Finding:
+    return Finding(
+        False,
+        f"the {name}'s stamps are {jitter:.0%} of a step uneven; are they times of arrival? "
+        "Record with the sensor's own clock",
+    )

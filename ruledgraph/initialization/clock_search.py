@@ -92,14 +92,12 @@ class ClockSearch:
         if self._finder is None:
             return None
         samples = imu.between(-np.inf, np.inf)
-        if not self.config.time_offset.estimate:
-            self._check_mounting(self._finder, samples)
-            if self._checked:
-                self._finder = None
-            return None
-        found = self._finder.find(samples)
+        is_exact = not self.config.time_offset.estimate
+        found = None if is_exact else self._finder.find(samples)
         if found is None:
             self._check_mounting(self._finder, samples)
+            if is_exact and self._checked:
+                self._finder = None
             return None
         self._finder, self.found = None, found
         if by_window and known.sigma < found.sigma:

@@ -90,11 +90,12 @@ def test_force_keeps_results_where_another_output_is_impossible(recording, tmp_p
 
 
 def test_all_that_is_written_is_replaced_by_force(recording, tmp_path):
-    files = tmp_path / "run.mp4", tmp_path / "run.mcap"
+    files = tmp_path / "run.mp4", tmp_path / "run.mcap", tmp_path / "run.rrd"
     for file in files:
         file.write_text("old")
     given = (recording / "small.bag", "--calibration", recording / "calib.yaml")
-    given += ("--video", files[0], "--ros2-bag", files[1], "--output", tmp_path / "run")
+    given += ("--video", files[0], "--ros2-bag", files[1], "--rerun", files[2])
+    given += ("--output", tmp_path / "run")
     refused = smooth(*given, "--duration", "2")
     assert refused.exit_code == 2
     assert "exists already" in refused.output

@@ -56,9 +56,8 @@ def test_gauge_uncertainty_grows_with_the_gap():
     for gap in (0.1, 1.0, 5.0):
         start, gauge = continued(start_at(gtsam.Pose3(), 10.0 + gap), last, LIMITS)
         off = start.state.position() - (pose.translation() + gap * last.velocity)
-        assert (
-            off @ np.linalg.solve(gauge.position_covariance, off) < 1.5
-        )  # had it gone on as it went
+        # Had it gone on as it went.
+        assert off @ np.linalg.solve(gauge.position_covariance, off) < 1.5
         sigmas.append([np.sqrt(np.trace(gauge.position_covariance)), np.sqrt(gauge.yaw_variance)])
     assert np.all(np.diff(sigmas, axis=0) > 0.0)
 
