@@ -65,7 +65,7 @@ def imu_interval(
         motion,
         imu.gravity,
         noise,
-        [_factor(node, preintegrated)],
+        _factor(node, preintegrated),
         reliable_frames,
         repeats_frame,
         camera=camera,
@@ -109,7 +109,7 @@ def add_bias_jump(
     params = jumping.preintegration_params(imu.gravity)
     times = (node.time + interval.motion.elapsed).tolist()
     preintegrated = _preintegrated(node, times, imu.between(node.time, new.time), params)
-    interval.imu_factors[0] = _factor(node, preintegrated)
+    interval.imu_factor = _factor(node, preintegrated)
     interval.reliable_frames = int(interval.repeats_frame)
     changed = node.bias.vector() + jump
     new.bias = gtsam.imuBias.ConstantBias(changed[:3], changed[3:])

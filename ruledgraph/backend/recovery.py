@@ -42,7 +42,8 @@ def rebuilt(
     distance = usual_distance(kept.values(), config.lines.prior_distance)
     rests = rests_throughout(intervals)
     for interval in intervals:
-        for factor in interval.imu_factors:
+        factors.add(interval.imu_factor)
+        for factor in interval.rest_factors:
             # A rest's first state may have left.
             if all(values.exists(key) for key in factor.keys()):  # noqa: SIM118
                 factors.add(factor)

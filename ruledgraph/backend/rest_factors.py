@@ -51,11 +51,11 @@ def rest_factors(
     if k > first:
         near = noiseModel.Isotropic.Sigma(6, config.pose_sigma)
         factors.append(gtsam.BetweenFactorPose3(X(first), X(k), gtsam.Pose3(), near))
-    part.imu_factors += factors
+    part.rest_factors += factors
     return factors
 
 
 def _zero_velocities(rest: Sequence[Interval]) -> set[int]:
     """Variables that are known to be zero already."""
-    of_rest = (factor for part in rest for factor in part.imu_factors)
+    of_rest = (factor for part in rest for factor in part.rest_factors)
     return {f.keys()[0] for f in of_rest if isinstance(f, gtsam.PriorFactorVector)}

@@ -175,7 +175,7 @@ class Window:
             add_bias_jump(interval, new, test.jump, imu, self._imu_noise, self._config.start)
             self._predictions.restart(new.time)
             seen = {}
-        self._update.factors.add(interval.imu_factors[0])
+        self._update.factors.add(interval.imu_factor)
         self._update.insert_camera(interval, camera, self._config)
         self.innovation = None
         if before.time == self.solved:

@@ -77,7 +77,7 @@ class Interval:
     """In the world, (3,), m/s^2."""
     noise: ImuNoise
     """Of its IMU factor: with scale errors, and a jump of the biases."""
-    imu_factors: list[gtsam.NonlinearFactor]
+    imu_factor: gtsam.CombinedImuFactor
     reliable_frames: int
     """How many of its frames come before the IMU is unreliable; later poses are guesses."""
     repeats_frame: bool = False
@@ -89,6 +89,8 @@ class Interval:
     """What is estimated of the camera in its frames."""
     still: bool = False
     """Whether the body rested all the time, and for some time before."""
+    rest_factors: list[gtsam.NonlinearFactor] = field(default_factory=list)
+    """Of a rest, on the state before or after it, see `rest_factors`."""
     observations: list[LineObservation] = field(default_factory=list)
     compared: int = 0
     """Lines that were compared with their points while the interval was the newest one ..."""

@@ -57,19 +57,19 @@ class LineCheck:
         self._config = config
         self._misfit = 0.0
         self._misfit_since: float | None = None
-        self.agree_since = -math.inf
-        """Time of the last state at which they did not, see `agrees`, s."""
+        self.last_misfit_time = -math.inf
+        """Time of the last state at which too many did not `fit`, s."""
         self.lost = False
         """Whether half of the lines do not fit the estimate, or too many have not for long."""
 
     @property
-    def misfits(self) -> bool:
+    def misfit(self) -> bool:
         """Whether too many lines do not fit the estimate."""
         return self._misfit_since is not None
 
     @property
-    def agrees(self) -> bool:
-        """Whether so few do not that a disagreement would be over."""
+    def fit(self) -> bool:
+        """Whether nearly all lines fit the estimate, which ends a `misfit`."""
         return self._misfit < self._config.agreed_misfit
 
     def update(self, window: Window, still: bool) -> None:
@@ -78,8 +78,8 @@ class LineCheck:
         misfit = misfit_share(window, limits)
         if misfit is not None:
             self._misfit = misfit
-            if not self.agrees:
-                self.agree_since = time
+            if not self.fit:
+                self.last_misfit_time = time
             if misfit > limits.max_misfit and self._misfit_since is None:
                 self._misfit_since = time
                 self._warnings.append(

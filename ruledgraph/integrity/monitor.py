@@ -78,19 +78,19 @@ class IntegrityMonitor:
         self._variance.counts_from = time
 
     @property
-    def disagree(self) -> bool:
-        """Whether images and IMU do, or lines and estimate."""
-        return self._imu.contradicts or self.misfits
+    def is_contradicted(self) -> bool:
+        """Whether the images contradict the IMU, or lines the estimate."""
+        return self._imu.contradicts or self.lines_misfit
 
     @property
-    def misfits(self) -> bool:
-        """Whether too many lines do not fit the estimate."""
-        return self._lines.misfits
+    def lines_misfit(self) -> bool:
+        """Whether too many lines do not fit the estimate, and since then not `lines_fit`."""
+        return self._lines.misfit
 
     @property
-    def agrees(self) -> bool:
-        """Whether nearly all lines fit the estimate."""
-        return self._lines.agrees
+    def lines_fit(self) -> bool:
+        """Whether nearly all lines fit the estimate: more than where `lines_misfit` begins."""
+        return self._lines.fit
 
     @property
     def lost(self) -> bool:
@@ -113,10 +113,10 @@ class IntegrityMonitor:
         have followed it, nothing.
         """
         on_trial = self._variance.counts_from == math.inf
-        if on_trial or not self.agrees:
+        if on_trial or not self.lines_fit:
             return math.inf
         since = self._imu.unlikely_since
-        if since is not None and self._lines.agree_since <= since:
+        if since is not None and self._lines.last_misfit_time <= since:
             return -math.inf
         return self._of_jumps.quantile(JUMP_DOF, self._limits.confidence)
 
@@ -125,7 +125,7 @@ class IntegrityMonitor:
         where it was when lines began to say so, if the IMU did not.
         """
         node = window.newest
-        disagreed = self.disagree
+        was_contradicted = self.is_contradicted
         self._imu.update(window.innovation, node.time, self._of_innovations, window.jumped)
         for factor in (self._variance, self._of_innovations):
             factor.update(window.innovation, node.time)
@@ -133,7 +133,7 @@ class IntegrityMonitor:
             before = window.intervals[-1].node.time
             self._of_jumps.update(Innovation(window.jump_test.ratio, JUMP_DOF, before), node.time)
         self._lines.update(window, still)
-        if disagreed and not self.disagree:
+        if was_contradicted and not self.is_contradicted:
             self._keep_error(node)
         self._inflate(node, max(1.0, self._variance.estimate))
         self._add_to_gauge(self._parallel.update(window, self._inflation.factor))

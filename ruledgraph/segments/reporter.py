@@ -136,7 +136,7 @@ class EstimateReporter:
         self, window: Window, interval: Interval, time_offset: TimeOffset
     ) -> Iterable[Estimate]:
         node = interval.node
-        otherwise: Status = "degraded" if self._monitor.disagree else "tracking"
+        otherwise: Status = "degraded" if self._monitor.is_contradicted else "tracking"
         frames = self._states(interval)
         if node.index == 0:
             first = self._at_stamp(node.state, node.bias, node.time)

@@ -153,7 +153,7 @@ class TrajectorySegment:
         self.monitor.update(window, self.rest.of_state, self.rest.stayed_at)
         self._propagator.reset()
         self.state = window.newest.state
-        reliable = self.confirmed and not self.monitor.disagree
+        reliable = self.confirmed and not self.monitor.is_contradicted
         offset, extrinsics, focal_ratio = window.self_calibration
         clock.update(offset, reliable)
         if reliable:
@@ -184,7 +184,7 @@ class TrajectorySegment:
         estimate = self._reporter.live(
             window, frame, self.state, covariances, status, lines, at_state, offset
         )
-        if self.confirmed and not self.monitor.misfits:  # else it may be lost since then
+        if self.confirmed and not self.monitor.lines_misfit:  # else it may be lost since then
             self.last_reliable = ReliableState(frame.time, pose, velocity, estimate.covariances)
         return estimate.status
 
@@ -194,7 +194,7 @@ class TrajectorySegment:
         if lines >= limits.min_lines:
             self._last_lines = time
         degraded = self._stages.sensors.imu.was_degraded(time)
-        if degraded or self.monitor.disagree or self._is_motion_unreliable(time):
+        if degraded or self.monitor.is_contradicted or self._is_motion_unreliable(time):
             return "degraded"
         if self.rest.is_held:
             return "still"

@@ -117,7 +117,7 @@ class SegmentSequence:
         """
         trial, failure, warnings = self._trial, segment.failure, self._stages.output.warnings
         if trial is not None:
-            passed = trial.passed(segment.window, segment.monitor.agrees)
+            passed = trial.passed(segment.window, segment.monitor.lines_fit)
             if reason := trial.failure or failure:
                 which = f"the start in motion before {now.time:.2f} s"
                 warnings.append(f"{which} is discarded: {reason}")
@@ -154,7 +154,9 @@ class SegmentSequence:
         clock, segment = self._stages.clock, self.current
         # Before a start the calibration stands until something speaks against it.
         known = clock.offset._replace(sigma=0.0) if segment is None else clock.offset
-        by_window = segment is not None and segment.confirmed and not segment.monitor.disagree
+        by_window = (
+            segment is not None and segment.confirmed and not segment.monitor.is_contradicted
+        )
         found = self.clock_search.search(self._stages.sensors.imu, known, by_window)
         if found is None and not self.clock_search.rotation_replaced:
             return False

@@ -130,7 +130,7 @@ def test_the_imu_leaves_open_what_a_jump_may_be() -> None:
     assert len(jumped) == 1
     interval = window.intervals[-1]
     # Rotation, position, velocity, biases.
-    covariance = np.linalg.inv(interval.imu_factors[0].noiseModel().information())
+    covariance = np.linalg.inv(interval.imu_factor.noiseModel().information())
     share = 4.0 / 3.0 * (window.newest.time - interval.node.time) ** 2
     np.testing.assert_allclose(np.diag(covariance)[:3], 0.1**2 * share, rtol=0.05)
     # Horizontally the tilt adds to it.

@@ -34,7 +34,7 @@ def turned(rate: np.ndarray, start: gtsam.Rot3) -> Interval:
 
 def accelerometer_walk(interval: Interval) -> np.ndarray:
     """Covariance of the change of the accelerometer's bias, (3, 3)."""
-    factor = interval.imu_factors[0]
+    factor = interval.imu_factor
     return factor.preintegratedMeasurements().preintMeasCov()[9:12, 9:12]
 
 

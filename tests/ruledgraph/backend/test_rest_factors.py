@@ -24,7 +24,7 @@ def test_no_state_gets_them_twice(times, despite_imu):
     for i, (before, now) in enumerate(pairwise(times)):
         node = SimpleNamespace(index=i, time=before)
         rest = SimpleNamespace(
-            node=node, still=True, is_rest_despite_imu=i in despite_imu, imu_factors=[]
+            node=node, still=True, is_rest_despite_imu=i in despite_imu, rest_factors=[]
         )
         intervals.append(rest)
         factors = rest_factors(intervals, now, DEFAULTS.rest)

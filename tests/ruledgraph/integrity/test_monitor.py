@@ -30,14 +30,14 @@ def shown(window: Window, monitor: IntegrityMonitor) -> np.ndarray:
 def test_images_and_imu_that_agree(noise_times):
     window, monitor, warnings = monitored_window(noise_times=noise_times)
     assert warnings == []
-    assert not monitor.disagree
+    assert not monitor.is_contradicted
     assert not monitor.parallel
     assert np.linalg.eigvalsh(shown(window, monitor)).max() < 0.0
 
 
 def test_stamps_that_are_off_are_reported():
     _, monitor, warnings = monitored_window(late=0.03)
-    assert monitor.disagree
+    assert monitor.is_contradicted
     assert "time offset or extrinsics may be wrong" in warnings[0]
 
 
@@ -160,7 +160,7 @@ def compared(misfits: int):
 )
 def test_lines_that_do_not_fit_are_reported(misfits, disagree, lost):
     _, monitor, warnings = compared(misfits)
-    assert (monitor.disagree, monitor.lost) == (disagree, lost)
+    assert (monitor.is_contradicted, monitor.lost) == (disagree, lost)
     assert len(warnings) == disagree
     assert not disagree or "of the lines do not fit the estimate" in warnings[0]
 
@@ -197,7 +197,7 @@ def test_nobody_looks_at_rest_so_nothing_is_lost_then():
     # Two looks far from each other, at lines that fit: the share is of those.
     window.intervals[0].compared = window.intervals[-1].compared = 5
     monitor.update(window, True)
-    assert not monitor.misfits
+    assert not monitor.lines_misfit
 
 
 def tell(window: Window, factor: float, later: float = 100.0) -> None:

@@ -39,4 +39,4 @@ def test_what_a_start_was_off_by_is_what_later_innovations_are_held_against():
         window.newest.time, window.innovation = since + 2.5, Innovation(nis, 10, since)
         monitor.update(window, False)
         monitor.confirm(1.0)
-    assert monitor.disagree
+    assert monitor.is_contradicted
