@@ -107,19 +107,18 @@ class Odometry(Output):
         if gap is not None:
             self._segments.end_at(gap)
             sensors.add_imu(sample)
-        while (frame := sensors.next_frame()) is not None:
-            with self.timings.measured("frame"):
-                self._process(frame)
+        self._process_reached()
         self._segments.end_without_frames(self._kept)
 
     def add_image(self, frame: Frame) -> None:
-        """An image; it waits for the IMU, but not for ever.
+        """An image; it waits until the IMU has reached its time, but not for ever.
 
         Raises:
             RuledgraphError: for one that is not grey, of 8 bit and of the calibration's size, and
                 for stamps that are no nanoseconds.
         """
         self._stages.sensors.add_image(frame)
+        self._process_reached()
 
     def prefetch(self, frame: Frame) -> None:
         """Begin with what will be needed of a frame that will be added, to save time then.
@@ -133,6 +132,12 @@ class Odometry(Output):
     def finish(self) -> None:
         """Hand out what is still in the window."""
         self._segments.finish()
+
+    def _process_reached(self) -> None:
+        """The frames that the IMU has reached."""
+        while (frame := self._stages.sensors.next_frame()) is not None:
+            with self.timings.measured("frame"):
+                self._process(frame)
 
     def _process(self, frame: Frame) -> None:
         self._keep(frame)
@@ -173,7 +178,7 @@ class Odometry(Output):
         if now is None:
             return
         front_end.start_tracks()
-        segments.end_after_silence(now.time)
+        segments.end_if_cut_off(now.time)
         segment = segments.current
         due = segment is not None and segment.is_state_due(now.time)
         detect_every: float | None = self.config.tracks.detection_interval - EARLY

@@ -98,6 +98,14 @@ class ImuBuffer:
         values = np.array(self._values[part])
         return ImuSamples(self._times[part], values[:, :3], values[:, 3:])
 
+    def turn_bound(self, start: float, stop: float, gyroscope_bias: FloatArray) -> float:
+        """Bound of the angle by which the body turned from start to stop, rad: the integral of
+        |w - b|, of the bias (3,), rad/s.
+        """
+        samples = self.between(start, stop)
+        rates = np.linalg.norm(samples.gyroscope - gyroscope_bias, axis=1)
+        return float(np.trapezoid(rates, samples.times))
+
     def unreliable(self, start: float, stop: float) -> list[UnreliableInterval]:
         """Where in (start, stop) samples are too far apart, or at the end of the range."""
         return [
@@ -115,14 +123,14 @@ class ImuBuffer:
         )
 
     def was_degraded(self, time: float) -> bool:
-        """Whether lines may have been lost, or readings were clipped, not long before."""
-        recent, longest = (
-            self.unreliable(time - self._config.unsure_time, time),
-            self._config.max_hole,
-        )
+        """Whether it was `interrupted` not long before."""
+        return self.interrupted(time - self._config.unsure_time, time)
+
+    def interrupted(self, start: float, stop: float) -> bool:
+        """Whether lines may have been lost over a hole in (start, stop), or readings clipped."""
         return any(
-            not _is_hole(interval) or interval.stop - interval.start > longest
-            for interval in recent
+            not _is_hole(interval) or interval.stop - interval.start > self._config.max_hole
+            for interval in self.unreliable(start, stop)
         )
 
     def _part(self, start: float, stop: float) -> slice:

@@ -11,6 +11,9 @@ from ruledgraph.core.timing import Messages
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.faults import Reading, SpikeFilter
 
+# Without samples, s.
+_LONGEST = MAX_IMU_GAP * 1e-9
+
 
 class ImuInput:
     """Leaves out or replaces what is no reading, says so, and keeps the rest."""
@@ -21,6 +24,7 @@ class ImuInput:
         self._config = config
         self._spikes = SpikeFilter(config)
         self._latest_sample = -np.inf
+        self._is_ahead = False  # the sample before was far ahead of the others
 
     def add(self, time: float, sample: ImuSample) -> Gap | None:
         """Take in a sample of a time, s; one with NaN or infinity is left out.
@@ -48,14 +52,29 @@ class ImuInput:
             self._warnings.counted(
                 "late IMU samples",
                 f"an IMU sample at {time:.2f} s came after one at {self._latest_sample:.2f} s: "
-                "such are not used",
+                "out of order, dropped",
             )
+            return None
+        if self._may_be_wrong(time):
             return None
         self._latest_sample = time
         gap = None
         for reading in self._spikes.take(time, value):
             gap = self._append(reading, sample.stamp)
         return gap
+
+    def _may_be_wrong(self, time: float) -> bool:
+        """Whether a stamp, s, is so far ahead of the last one that it may be wrong: the next one
+        shows it, which is as far ahead where the IMU was silent.
+        """
+        was_ahead, is_ahead = self._is_ahead, -np.inf < self._latest_sample < time - _LONGEST
+        self._is_ahead = is_ahead and not was_ahead
+        if was_ahead and not is_ahead:
+            self._warnings.counted(
+                "IMU samples ahead",
+                f"an IMU sample before {time:.2f} s was stamped far ahead of it: dropped",
+            )
+        return self._is_ahead
 
     def _append(self, reading: Reading, stamp: int) -> Gap | None:
         time, before = reading.time, self.buffer.latest
@@ -76,7 +95,7 @@ class ImuInput:
                 f"the IMU was frozen at {before:.2f} s: the same reading for {frozen:.2f} s is not "
                 "used"
             )
-        if before > -np.inf and self.buffer.latest - before > MAX_IMU_GAP * 1e-9:
+        if before > -np.inf and self.buffer.latest - before > _LONGEST:
             return Gap(stamp - round((time - before) * 1e9), stamp)
         return None
 
@@ -84,4 +103,4 @@ class ImuInput:
         """Forget all samples."""
         self.buffer.clear()
         self._spikes = SpikeFilter(self._config)
-        self._latest_sample = -np.inf
+        self._latest_sample, self._is_ahead = -np.inf, False

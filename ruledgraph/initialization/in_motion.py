@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A start in motion: several hypotheses, the best of them, and whether it is accepted."""
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -10,6 +9,7 @@ from statistics import NormalDist
 
 import gtsam
 import numpy as np
+from scipy.special import chdtri
 
 from ruledgraph.backend.edge_noise import edge_variance
 from ruledgraph.backend.start import Start
@@ -84,7 +84,10 @@ def start_in_motion(
         return Refusal(f"{len(seen)} lines were followed long enough, {_MIN_LINES} are needed")
     samples = imu.between(times[0], times[-1])
     window = FirstWindow(samples, list(times[::step]), seen, calibration, config)
-    best = solved(window)
+    try:
+        best = solved(window)
+    except FactorError as error:
+        return Refusal(f"the first window cannot be integrated: {error}")
     if best:
         window = replace(window, edge_variance=_edge_variance(best[0], window))
         best = _sorted(_solved_again(batch, window) for batch in best)
@@ -142,7 +145,7 @@ def _followed(window: FirstWindow, begin: Callable[[], InitialValues]) -> Batch 
 def _edge_variance(batch: Batch, window: FirstWindow) -> float:
     """By the sightings that do not contradict the start, see `edge_variance`."""
     misfits = np.concatenate(batch.misfits(window.figure))
-    fitting = misfits[misfits < _chi_square_2(window.config.start.confidence)]
+    fitting = misfits[misfits < float(chdtri(2, 1.0 - window.config.start.confidence))]
     dof = 2.0 * len(fitting) - 4.0 * len(window.seen) - _STATE_DOF
     return edge_variance(float(np.sum(fitting)), dof, window.config.edges)
 
@@ -158,7 +161,7 @@ def _solved_again(batch: Batch, window: FirstWindow) -> Batch | None:
 def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start | Refusal:
     """The best hypothesis, if it is accepted."""
     batch, config, start = best[0], window.config, window.config.start
-    limit = _chi_square_2(start.confidence)
+    limit = float(chdtri(2, 1.0 - start.confidence))
     fits = [misfit < limit for misfit in batch.misfits(window.figure)]
     outliers = 1.0 - float(np.mean(np.concatenate(fits)))
     if outliers > start.outlier_share:
@@ -222,13 +225,8 @@ def _why_unknown(velocity: FloatArray, covariance: FloatArray, start: StartConfi
 
 def _is_rival(other: Batch, best: Batch, covariance: FloatArray, confidence: float) -> bool:
     """Whether another velocity, beyond the best one's covariance, fits no worse than by chance."""
-    limit = _chi_square_2(confidence)
     own, others = (batch.pose.rotation().unrotate(batch.velocity) for batch in (best, other))
     apart = best.pose.rotation().rotate(others - own)
+    limit = float(chdtri(len(apart), 1.0 - confidence))
     differs = float(apart @ np.linalg.solve(covariance, apart)) > limit
     return differs and 2.0 * (other.error - best.error) < limit
-
-
-def _chi_square_2(confidence: float) -> float:
-    """Quantile of the chi-square distribution with two degrees of freedom."""
-    return -2.0 * math.log1p(-confidence)

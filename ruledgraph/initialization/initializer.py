@@ -128,7 +128,7 @@ class Initializer:
         differ = longest - shortest >= self._config.start.between_attempts - EARLY
         refusal: Refusal | None = None
         for length in (longest, shortest) if differ else (longest,):
-            if imu.unreliable(now.time - length, now.time):
+            if imu.interrupted(now.time - length, now.time):
                 continue
             self._last_attempt = now.time
             used = frames.since(now.time - length)
@@ -139,6 +139,9 @@ class Initializer:
             if isinstance(found, Start):
                 return found
             refusal = refusal or found
+        if refusal is None:
+            self.refusal = f"IMU samples are missing or clipped in the last {longest:.1f} s"
+            self._warnings.once("interrupted", f"no start at {now.time:.2f} s: {self.refusal}")
         return refusal
 
     def retime(self, change: float) -> None:

@@ -48,6 +48,7 @@ class ImuStream(Stream):
     def __init__(self) -> None:
         super().__init__()
         self._sparse = 0
+        self._ahead: int | None = None  # stamp of the last sample, if it was far ahead
         self._forces: list[float] | None = []
         self._first = 0
 
@@ -58,18 +59,14 @@ class ImuStream(Stream):
             MeasurementError: for one that is not later than the last, or far from it again.
             RuledgraphError: for readings in another unit.
         """
-        if self._last is None:
+        last = self._last
+        if last is None:
             self._first = sample.stamp
         else:
-            apart = _apart("IMU sample", self._last, sample.stamp, CLOSEST_SAMPLES)
-            self._sparse = self._sparse + 1 if apart > MAX_IMU_GAP else 0
-            if self._sparse >= _SPARSE:
-                self._last = sample.stamp  # the next one may be near
-                raise MeasurementError(
-                    f"IMU samples come {apart * 1e-9:g} s apart, too far to integrate; check the "
-                    "unit of their stamps: t= is in seconds, t_ns= in nanoseconds"
-                )
+            self._check_interval(last, sample.stamp)
         self._note(sample.stamp)
+        if self._ahead is not None:
+            self._last = last  # until the next one is as late
         force = float(np.linalg.norm(sample.accelerometer))
         if self._forces is not None and np.isfinite(force):
             self._forces.append(force)
@@ -80,6 +77,22 @@ class ImuStream(Stream):
                         f"the accelerometer reads {force:.3g} on average, not about 9.81: pass "
                         "the gyroscope (rad/s) first, then the accelerometer (m/s^2, not g)"
                     )
+
+    def _check_interval(self, last: int, stamp: int) -> None:
+        """Of one sample that is far ahead the stamp may be wrong: the next one shows it."""
+        apart = _apart("IMU sample", last, stamp, CLOSEST_SAMPLES)
+        before, self._ahead = self._ahead, None
+        if apart > MAX_IMU_GAP and before is not None:
+            apart = _apart("IMU sample", before, stamp, CLOSEST_SAMPLES)
+        elif apart > MAX_IMU_GAP:
+            self._ahead = stamp
+        self._sparse = self._sparse + 1 if apart > MAX_IMU_GAP else 0
+        if self._sparse >= _SPARSE:
+            self._last = stamp  # the next one may be near
+            raise MeasurementError(
+                f"IMU samples come {apart * 1e-9:g} s apart, too far to integrate; check the "
+                "unit of their stamps: t= is in seconds, t_ns= in nanoseconds"
+            )
 
 
 class ImageStream(Stream):

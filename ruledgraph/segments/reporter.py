@@ -126,11 +126,18 @@ class EstimateReporter:
         return replace(estimate, status=rated)
 
     def smoothed(
-        self, window: Window, intervals: Sequence[Interval], time_offset: TimeOffset
+        self,
+        window: Window,
+        intervals: Sequence[Interval],
+        time_offset: TimeOffset,
+        degraded: bool = False,
     ) -> None:
-        """The estimates of intervals' frames, and of the window's first frame."""
+        """The estimates of intervals' frames, and of the window's first frame; all `degraded` of a
+        window that has failed.
+        """
         for interval in intervals:
-            self._out.put(smoothed=self._of_interval(window, interval, time_offset))
+            found = self._of_interval(window, interval, time_offset)
+            self._out.put(smoothed=_degraded(found) if degraded else found)
 
     def _of_interval(
         self, window: Window, interval: Interval, time_offset: TimeOffset

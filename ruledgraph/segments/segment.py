@@ -5,6 +5,7 @@
 from collections.abc import Mapping, Sequence
 
 import gtsam
+import numpy as np
 
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.start import Start
@@ -20,6 +21,9 @@ from ruledgraph.segments.reporter import EstimateReporter
 from ruledgraph.segments.rest_phase import RestPhase
 from ruledgraph.segments.stages import Stages
 
+# rad; a frame gets a state when the body has turned by so much: half of what could be integrated.
+_MAX_TURN = 0.5 * np.pi
+
 
 class TrajectorySegment:
     """A sliding window with its integrity monitor, carried on frame by frame.
@@ -32,7 +36,6 @@ class TrajectorySegment:
         start: where it begins.
         frames: that the start was made of.
         gauge_uncertainty: of its position and yaw at the start.
-        last_reliable: the last reliable state of the segment before it.
     """
 
     def __init__(
@@ -44,7 +47,6 @@ class TrajectorySegment:
         start: Start,
         frames: Sequence[FrameTime],
         gauge_uncertainty: GaugeUncertainty,
-        last_reliable: ReliableState | None,
     ) -> None:
         self._config = config
         self._stages = stages
@@ -68,8 +70,10 @@ class TrajectorySegment:
         self._propagator = ImuPropagator(imu, noise)
         self.state = self.window.newest.state
         """Of the latest frame."""
-        self.last_reliable = last_reliable
-        """Its last state whose lines fitted, or that of the segment before."""
+        self.last_reliable: ReliableState | None = None
+        """Its last state whose lines fitted."""
+        self.has_failed = False
+        """Whether it ends by its `failure`: then what is left of its window is degraded."""
         self.rest = RestPhase(stages.rest, calibration.camera.focal_length, config)
         self._last_lines = frames[-1].time
         pending: list[FrameTime] = []
@@ -85,7 +89,17 @@ class TrajectorySegment:
 
     def is_state_due(self, time: float) -> bool:
         """Whether a frame at a time (s) gets a state."""
-        return time - self.window.newest.time >= self._config.window.state_interval - EARLY
+        elapsed = time - self.window.newest.time
+        is_late = elapsed >= self._config.window.state_interval - EARLY
+        return is_late or self.turn_bound(time) > _MAX_TURN
+
+    def turn_bound(self, time: float) -> float:
+        """Bound of the angle by which the body turned since the newest state, until a time (s),
+        rad: by half a turn no more, preintegrated rotations are not unique beyond.
+        """
+        newest = self.window.newest
+        imu, bias = self._stages.sensors.imu, newest.bias.gyroscope()
+        return imu.turn_bound(newest.time, time, bias)
 
     @property
     def detection_interval(self) -> float:
@@ -213,7 +227,8 @@ class TrajectorySegment:
             if window.intervals and window.newest.time > window.solved:
                 self._optimize()
             window.read_smoothed_covariances()
-        self._reporter.smoothed(window, list(window.intervals), self._stages.clock.offset)
+        left_over = list(window.intervals)
+        self._reporter.smoothed(window, left_over, self._stages.clock.offset, self.has_failed)
         self._reporter.lines([*window.line_map.take_retired(), *window.lines.values()])
         self._reporter.release(window, self.confirmed)
         self._stages.output.recoveries.extend(window.recoveries)

@@ -103,7 +103,6 @@ class SegmentSequence:
             start,
             first.frames,
             gauge_uncertainty,
-            self.last_reliable,
         )
         self._count += 1
         self._trial = None
@@ -128,6 +127,7 @@ class SegmentSequence:
                 self._trial = None
         elif failure:
             warnings.append(f"{failure} at {now.time:.2f} s: a new segment begins")
+            segment.has_failed = True
             self.end()
             return False
         return not self._search_clock(now.time)
@@ -183,18 +183,22 @@ class SegmentSequence:
         self.end()
         sensors.restart(gap.stop)
 
-    def end_after_silence(self, time: float) -> None:
-        """Without a frame for so long (until a time, s) that nothing of the window is left: end
-        the segment.
+    def end_if_cut_off(self, time: float) -> None:
+        """End a segment that cannot be carried on to a frame at a time, s: nothing of its window is
+        left by then, or the body has turned by more than half a turn since the newest state.
         """
         segment = self.current
-        if segment is None or time - segment.window.newest.time < self._config.window.lag:
+        if segment is None:
             return
-        since = self._stages.sensors.frames.last.time
-        self._stages.output.warnings.append(
-            f"no frame for {time - since:.2f} s from {since:.2f} s: a new segment begins where the "
-            "last one ended"
-        )
+        since, newest = self._stages.sensors.frames.last.time, segment.window.newest.time
+        if time - newest >= self._config.window.lag:
+            why = f"no frame for {time - since:.2f} s from {since:.2f} s"
+        elif segment.turn_bound(time) > np.pi:
+            why = f"more than half a turn between the frames at {since:.2f} and {time:.2f} s"
+        else:
+            return
+        warnings = self._stages.output.warnings
+        warnings.append(f"{why}: a new segment begins where the last one ended")
         self.end()
 
     def end_without_frames(self, kept: float) -> None:
@@ -202,7 +206,7 @@ class SegmentSequence:
         sensors = self._stages.sensors
         frames, before = sensors.frames, sensors.imu.latest - kept - self._config.imu.max_frame_wait
         if frames and frames.last.time < before:
-            self.end_after_silence(sensors.imu.latest)
+            self.end_if_cut_off(sensors.imu.latest)
             self.end()
         if not frames:
             sensors.imu.forget(before)
@@ -220,10 +224,12 @@ class SegmentSequence:
 
     def finish(self) -> None:
         """Hand out what is still in the window."""
-        if self.current is not None:
-            if self._trial is not None:
-                at = f"on trial when its segment ended at {self.current.window.newest.time:.2f} s"
-                self._stages.output.warnings.append(f"a start was {at}: its frames are degraded")
-            self.current.finish()
-            self.last_reliable = self.current.last_reliable
+        segment, trial = self.current, self._trial
         self.current = self._trial = None
+        if segment is None:
+            return
+        if trial is not None:
+            at = f"on trial when its segment ended at {segment.window.newest.time:.2f} s"
+            self._stages.output.warnings.append(f"a start was {at}: its frames are degraded")
+        segment.finish()
+        self.last_reliable = segment.last_reliable or self.last_reliable

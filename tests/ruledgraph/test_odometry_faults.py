@@ -2,14 +2,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Frames and IMU samples with faults: handled, flagged and reported, or refused."""
 
+import dataclasses
 import itertools
 
 import numpy as np
 import pytest
 
-from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.core.errors import MeasurementError, RuledgraphError
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, ImuSample
+from ruledgraph.live.stream_checks import ImuStream
 from ruledgraph.odometry import Odometry
 from small_runs import ate, run
 from small_simulation import frames, small_simulation, small_stream
@@ -181,3 +183,52 @@ def test_frames_that_come_late_are_reported_once():
                 break
     odometry, _, _ = run(measurements, calibration)
     assert sum("came after a later one" in warning for warning in odometry.warnings) == 1
+
+
+@pytest.mark.parametrize(("missing", "starts"), [(0.055, True), (0.2, False)])
+def test_a_start_in_motion_across_short_holes_of_the_imu(missing, starts):
+    measurements, calibration = small_stream(moving=True)
+    first = measurements[0].stamp
+    kept = (
+        m for m in measurements if isinstance(m, Frame) or (m.stamp - first) * 1e-9 % 0.7 >= missing
+    )
+    odometry, live, _ = run(kept, calibration)
+    assert bool(live) == starts
+    reason = "IMU samples are missing or clipped"
+    assert any(reason in warning for warning in odometry.warnings) != starts
+    assert starts or reason in odometry.status
+
+
+def test_a_frame_that_the_imu_has_reached_is_processed_at_once():
+    measurements, calibration = small_stream()
+    late = dataclasses.replace(calibration, time_offset=-0.1, time_offset_exact=True)
+    odometry = Odometry(late)
+    count = 0
+    for measurement in measurements:
+        odometry.add(measurement)
+        found = odometry.take_live()
+        count += len(found)
+        if found:
+            assert isinstance(measurement, Frame)
+            assert found[-1].stamp == measurement.stamp
+    assert count
+
+
+def test_an_imu_sample_with_a_stamp_far_ahead_is_dropped():
+    measurements, calibration = small_stream()
+    wrong = [m for m in measurements if isinstance(m, ImuSample)][300]
+    ahead = wrong._replace(stamp=wrong.stamp + 3600 * 10**9)
+    changed = [ahead if m is wrong else m for m in measurements]
+    odometry, live, _ = run(changed, calibration)
+    assert [w for w in odometry.warnings if "was stamped far ahead of it" in w]
+    assert live[-1].stamp > wrong.stamp + 10**9
+    assert ate(live, small_simulation()) < 0.02
+
+
+def test_in_live_use_too():
+    checks, sample = ImuStream(), ImuSample(0, np.zeros(3), np.array([0.0, 0.0, 9.81]))
+    hour = 3600 * 10**9
+    for stamp in (0, 5 * 10**6, hour, 10**7, 15 * 10**6, hour, hour + 5 * 10**6):
+        checks.add(sample._replace(stamp=stamp))
+    with pytest.raises(MeasurementError, match="not in order of time"):
+        checks.add(sample._replace(stamp=2 * 10**7))

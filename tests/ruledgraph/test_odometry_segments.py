@@ -245,3 +245,39 @@ def test_a_lost_estimate_ends_its_segment_at_its_last_reliable_state(seed):
     # Lines had ceased to fit before the window was given up.
     assert index < len(live) - 1
     assert all(e.status == "degraded" for e in live[index + 1 :])
+
+
+def test_what_is_left_of_a_diverged_window_is_degraded():
+    config = load_config(None, ["integrity.max_speed=0.1"])
+    odometry, _, smoothed = run(*small_stream(), config)
+    assert any("the estimate diverged" in warning for warning in odometry.warnings)
+    ended = [e for e in smoothed if e.segment == 0]
+    assert len(ended) > 10
+    assert all(e.status == "degraded" for e in ended)
+
+
+def spun(measurements, start, stop, rate):
+    """The gyroscope feels a turn from start to stop, s, of a rate, rad/s."""
+    first, turn = measurements[0].stamp, np.array([0.0, 0.0, rate])
+    for measurement in measurements:
+        if isinstance(measurement, ImuSample) and start < (measurement.stamp - first) * 1e-9 < stop:
+            measurement = measurement._replace(gyroscope=measurement.gyroscope + turn)
+        yield measurement
+
+
+@pytest.mark.parametrize("start", [0.2, 2.5], ids=["before a start", "after it"])
+def test_a_spin_by_more_than_half_a_turn_between_states_is_survived(start):
+    measurements, calibration = small_stream(moving=True)
+    _, live, _ = run(spun(measurements, start, start + 0.5, 18.0), calibration)
+    assert live
+
+
+def test_half_a_turn_without_frames_begins_a_new_segment():
+    measurements, calibration = small_stream(duration=11.0)
+    first = measurements[0].stamp
+    without = [
+        m for m in measurements if not (isinstance(m, Frame) and 3.0 < (m.stamp - first) * 1e-9 < 6)
+    ]
+    odometry, live, _ = run(spun(without, 3.0, 6.0, 1.5), calibration)
+    assert any("more than half a turn between the frames" in w for w in odometry.warnings)
+    assert max(e.segment for e in live) == 1
