@@ -18,6 +18,7 @@ from ruledgraph.imu.image_input import image_fault
 from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.integrity.gauge import ReliableState
 from ruledgraph.segments.prediction import count_in_graph, predicted
+from ruledgraph.segments.rows import row_motion
 from ruledgraph.segments.sequence import SegmentSequence
 from ruledgraph.segments.stages import Stages
 
@@ -186,7 +187,7 @@ class Odometry(Output):
             # At a state it costs little time: the smoother works meanwhile.
             detect_every = segment.detection_interval - EARLY if due else None
         expected = predicted(self._stages, segment, now)
-        rows = segments.row_motion(now)
+        rows = row_motion(self._stages, segment, now)
         found = front_end.process(frame, now.time, expected, detect_every, rows)
         lines = count_in_graph(segment, found)
         sensors.frames.append(now)

@@ -12,6 +12,7 @@ from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import EdgesConfig, TracksConfig
 from ruledgraph.frontend.duplicates import duplicates, first_of_duplicates
 from ruledgraph.frontend.edge_batch import Edges, Rulings, search_all
+from ruledgraph.frontend.field_of_view import within_reach
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.rolling_edges import keep_unsettled, straight_edges
 from ruledgraph.frontend.row_motion import MovingRulings, RowMotion, StraightPoints
@@ -113,7 +114,7 @@ class TrackStarter:
         along = segments[:, 1] - segments[:, 0]
         segments = segments[np.hypot(along[:, 0], along[:, 1]) > self._edges.min_length]
         ends = self.camera.undistort(segments.reshape(-1, 2)).reshape(-1, 2, 2)
-        seen = np.isfinite(ends).all(axis=(1, 2))
+        seen = within_reach(ends).all(axis=1)
         segments, ends = segments[seen], ends[seen]
         if rows is not None:
             exposed = rows.row_times(ends.reshape(-1, 2))

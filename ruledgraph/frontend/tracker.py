@@ -19,6 +19,7 @@ from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph.frontend.duplicates import duplicates, first_of_duplicates
 from ruledgraph.frontend.edge_batch import Edges, Rulings, clipped, search_all, stacked
 from ruledgraph.frontend.edge_search import scaled_to
+from ruledgraph.frontend.field_of_view import field_of_view
 from ruledgraph.frontend.flow_prediction import expect_motion
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.image_motion import moved_since
@@ -57,7 +58,7 @@ class Tracker:
     def set_camera(self, camera: CameraModel) -> None:
         """Undistort points by this camera from now on, whose focal length is the same."""
         self.camera = self.starter.camera = camera
-        self._low, self._high = _field_of_view(camera)
+        self._low, self._high = field_of_view(camera)
 
     def track(
         self,
@@ -236,11 +237,3 @@ class Tracker:
             self._sight(stamp, started, edges)
             expect_motion(started, self.tracks, self._elapsed, self.camera, self._config)
             self.tracks += started
-
-
-def _field_of_view(camera: CameraModel) -> tuple[FloatArray, FloatArray]:
-    """Least and largest normalised coordinates of the image's rim, (2,) each."""
-    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
-    rim = np.concatenate([corners, [[0.5, 0.0], [0.5, 1.0], [0.0, 0.5], [1.0, 0.5]]])
-    seen = camera.undistort(rim * [camera.width - 1, camera.height - 1])
-    return np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)

@@ -98,14 +98,6 @@ class ImuBuffer:
         values = np.array(self._values[part])
         return ImuSamples(self._times[part], values[:, :3], values[:, 3:])
 
-    def turn_bound(self, start: float, stop: float, gyroscope_bias: FloatArray) -> float:
-        """Bound of the angle by which the body turned from start to stop, rad: the integral of
-        |w - b|, of the bias (3,), rad/s.
-        """
-        samples = self.between(start, stop)
-        rates = np.linalg.norm(samples.gyroscope - gyroscope_bias, axis=1)
-        return float(np.trapezoid(rates, samples.times))
-
     def unreliable(self, start: float, stop: float) -> list[UnreliableInterval]:
         """Where in (start, stop) samples are too far apart, or at the end of the range."""
         return [

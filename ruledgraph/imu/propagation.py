@@ -55,6 +55,15 @@ class StateWithCovariance(Protocol):
     """Of pose (rotation first, right perturbation), velocity and bias together, (15, 15)."""
 
 
+def turn_bound(imu: ImuBuffer, node: StateWithCovariance, time: float) -> float:
+    """Bound of the angle by which the body turned from a state until a time (s), rad: the integral
+    of |w - b|. Beyond half a turn what is preintegrated is not unique.
+    """
+    samples = imu.between(node.time, time)
+    rates = np.linalg.norm(samples.gyroscope - node.bias.gyroscope(), axis=1)
+    return float(np.trapezoid(rates, samples.times))
+
+
 def propagated_covariances(
     node: StateWithCovariance, motion: FrameMotion, imu: ImuBuffer, noise: ImuNoise
 ) -> FloatArray:

@@ -2,21 +2,43 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How the camera moves while a rolling shutter reads an image, by the IMU and the estimate."""
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.frontend.row_motion import RowMotion
 from ruledgraph.imu.buffer import ImuBuffer
+from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.imu.propagation import state_before
+from ruledgraph.segments.prediction import focal_ratio
+from ruledgraph.segments.segment import TrajectorySegment
+from ruledgraph.segments.stages import Stages
 from ruledgraph_factors import preintegrate_frames
 
 # Of the grid of rows, the middle one among them. Of a readout of 30 ms they are 4 ms apart, about
 # as IMU samples are.
 _ROWS = 9
+_NO_BIAS = gtsam.imuBias.ConstantBias()
 
 
 def row_motion(
+    stages: Stages, segment: TrajectorySegment | None, now: FrameTime
+) -> RowMotion | None:
+    """The camera's motion during a frame, after `predicted`; None of a global shutter."""
+    imu, mounting = stages.sensors.imu, stages.mounting
+    half = 0.5 * mounting.calibration.readout
+    if not (half and imu.covers(now.time - half, now.time + half)):
+        return None
+    calibration = replace(mounting.calibration, camera=mounting.camera)
+    state = None if segment is None else segment.state
+    bias = _NO_BIAS if segment is None else segment.window.newest.bias
+    ratio = focal_ratio(stages, segment)
+    return motion_about(calibration, imu, now.time, state, bias, ratio)
+
+
+def motion_about(
     calibration: Calibration,
     imu: ImuBuffer,
     time: float,

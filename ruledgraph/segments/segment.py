@@ -14,7 +14,7 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Status, blocks
 from ruledgraph.core.line_observations import LinePrediction
 from ruledgraph.imu.frame_history import EARLY, FrameTime
-from ruledgraph.imu.propagation import ImuPropagator
+from ruledgraph.imu.propagation import ImuPropagator, turn_bound
 from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState
 from ruledgraph.integrity.monitor import IntegrityMonitor
 from ruledgraph.segments.reporter import EstimateReporter
@@ -72,8 +72,6 @@ class TrajectorySegment:
         """Of the latest frame."""
         self.last_reliable: ReliableState | None = None
         """Its last state whose lines fitted."""
-        self.has_failed = False
-        """Whether it ends by its `failure`: then what is left of its window is degraded."""
         self.rest = RestPhase(stages.rest, calibration.camera.focal_length, config)
         self._last_lines = frames[-1].time
         pending: list[FrameTime] = []
@@ -91,21 +89,13 @@ class TrajectorySegment:
         """Whether a frame at a time (s) gets a state."""
         elapsed = time - self.window.newest.time
         is_late = elapsed >= self._config.window.state_interval - EARLY
-        return is_late or self.turn_bound(time) > _MAX_TURN
-
-    def turn_bound(self, time: float) -> float:
-        """Bound of the angle by which the body turned since the newest state, until a time (s),
-        rad: by half a turn no more, preintegrated rotations are not unique beyond.
-        """
-        newest = self.window.newest
-        imu, bias = self._stages.sensors.imu, newest.bias.gyroscope()
-        return imu.turn_bound(newest.time, time, bias)
+        return is_late or turn_bound(self._stages.sensors.imu, self.window.newest, time) > _MAX_TURN
 
     @property
     def detection_interval(self) -> float:
         """How often new lines are looked for, s."""
-        at_rest, otherwise = self.rest.interval, self._config.tracks.detection_interval
-        return at_rest if self.rest.of_state else otherwise
+        tracks = self._config.tracks
+        return self.rest.interval if self.rest.of_state else tracks.detection_interval
 
     def predict(self, time: float) -> gtsam.NavState:
         """Carry the state on to a time (s) after the newest node, by the IMU."""
@@ -217,8 +207,10 @@ class TrajectorySegment:
         return "tracking"
 
     def finish(self) -> None:
-        """Hand out what is still in the window; degraded, if the start is on trial."""
-        window = self.window
+        """Hand out what is still in the window; degraded, if the start is on trial or the segment
+        ends by a failure.
+        """
+        window, has_failed = self.window, bool(self.failure)
         left = self._stages.sensors.frames.after(window.newest.time)
         if window.is_plausible():
             if left:
@@ -228,7 +220,7 @@ class TrajectorySegment:
                 self._optimize()
             window.read_smoothed_covariances()
         left_over = list(window.intervals)
-        self._reporter.smoothed(window, left_over, self._stages.clock.offset, self.has_failed)
+        self._reporter.smoothed(window, left_over, self._stages.clock.offset, has_failed)
         self._reporter.lines([*window.line_map.take_retired(), *window.lines.values()])
         self._reporter.release(window, self.confirmed)
         self._stages.output.recoveries.extend(window.recoveries)

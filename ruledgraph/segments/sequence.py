@@ -2,27 +2,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Trajectory segments: each begins with a start and ends with a failure or a gap."""
 
-from dataclasses import replace
-
-import gtsam
 import numpy as np
 
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Status
 from ruledgraph.core.measurements import Gap
-from ruledgraph.frontend.row_motion import RowMotion
 from ruledgraph.imu.frame_history import FrameTime
+from ruledgraph.imu.propagation import turn_bound
 from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.initializer import Initializer
 from ruledgraph.initialization.trial import Trial
 from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState, continued
-from ruledgraph.segments.prediction import focal_ratio
-from ruledgraph.segments.rows import row_motion
 from ruledgraph.segments.segment import TrajectorySegment
 from ruledgraph.segments.stages import Stages
-
-_NO_BIAS = gtsam.imuBias.ConstantBias()
 
 
 class SegmentSequence:
@@ -71,18 +64,6 @@ class SegmentSequence:
         """The calibration with the camera's pose and readout as they are known by now."""
         return self._stages.mounting.calibration
 
-    def row_motion(self, now: FrameTime) -> RowMotion | None:
-        """The camera's motion during the frame, after `predicted`; None of a global shutter."""
-        segment, half, imu = self.current, 0.5 * self._mounted.readout, self._stages.sensors.imu
-        if not (half and imu.covers(now.time - half, now.time + half)):
-            return None
-        mounting = self._stages.mounting
-        calibration = replace(mounting.calibration, camera=mounting.camera)
-        state = None if segment is None else segment.state
-        bias = _NO_BIAS if segment is None else segment.window.newest.bias
-        ratio = focal_ratio(self._stages, segment)
-        return row_motion(calibration, imu, now.time, state, bias, ratio)
-
     # -- beginning -------------------------------------------------------------------------------
 
     def try_start(self, now: FrameTime) -> bool:
@@ -127,7 +108,6 @@ class SegmentSequence:
                 self._trial = None
         elif failure:
             warnings.append(f"{failure} at {now.time:.2f} s: a new segment begins")
-            segment.has_failed = True
             self.end()
             return False
         return not self._search_clock(now.time)
@@ -193,7 +173,7 @@ class SegmentSequence:
         since, newest = self._stages.sensors.frames.last.time, segment.window.newest.time
         if time - newest >= self._config.window.lag:
             why = f"no frame for {time - since:.2f} s from {since:.2f} s"
-        elif segment.turn_bound(time) > np.pi:
+        elif turn_bound(self._stages.sensors.imu, segment.window.newest, time) > np.pi:
             why = f"more than half a turn between the frames at {since:.2f} and {time:.2f} s"
         else:
             return

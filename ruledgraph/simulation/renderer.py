@@ -18,11 +18,9 @@ from numpy.typing import NDArray
 
 from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.core.errors import RuledgraphError
+from ruledgraph.simulation.camera_rays import BentRays, Image, PinholeRays
 from ruledgraph.simulation.occlusion import CUT, FREE, Fragment, PaintersOrder
 from ruledgraph.simulation.scene import Scene, Texture
-
-Image = NDArray[np.float32]
 
 # Nothing nearer than this is seen, m.
 _NEAR = 0.02
@@ -38,82 +36,6 @@ _MARGIN = 1.5
 _RIM = np.array(
     [[x, y] for x in np.linspace(0, 1, 7) for y in np.linspace(0, 1, 7) if {x, y} & {0, 1}]
 )
-
-
-class _Pinhole:
-    """Rays of a camera without distortion."""
-
-    def __init__(self, camera: CameraModel) -> None:
-        self._pixel_to_ray = np.array(
-            [
-                [1.0 / camera.fx, 0.0, -camera.cx / camera.fx],
-                [0.0, 1.0 / camera.fy, -camera.cy / camera.fy],
-                [0.0, 0.0, 1.0],
-            ]
-        )
-        self.scale = float(np.sqrt(camera.fx * camera.fy))
-        corners = np.array([[0, 0, 1], [camera.width - 1, camera.height - 1, 1]])
-        self.field = (corners @ self._pixel_to_ray.T)[:, :2]
-        self._columns, self._rows = np.arange(camera.width), np.arange(camera.height)
-
-    def scale_at(self, _rows: slice, _columns: slice) -> float:
-        """Pixels in a normalised unit, in the middle of a part of the image."""
-        return self.scale
-
-    def sample(self, texture: Texture, H: FloatArray, rows: slice, columns: slice) -> Texture:
-        """A texture at every pixel, where H maps rays to texture pixels."""
-        M = H @ self._pixel_to_ray
-        M[:, 2] += M[:, :2] @ [columns.start, rows.start]
-        size = columns.stop - columns.start, rows.stop - rows.start
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        sampled = cv2.warpPerspective(
-            texture, M, size, flags=flags, borderMode=cv2.BORDER_REPLICATE
-        )
-        return np.asarray(sampled)
-
-    def distance(self, plane: FloatArray, rows: slice, columns: slice) -> Image:
-        """Distance from a line in the image, px, whose unit normal and offset are `plane` (3,)."""
-        a, b, c = self.scale * plane @ self._pixel_to_ray
-        across = (a * self._columns[columns]).astype(np.float32)
-        along = (b * self._rows[rows] + c).astype(np.float32)
-        return np.asarray(across[None, :] + along[:, None])
-
-
-class _Bent:
-    """Rays of a camera with distortion.
-
-    Raises:
-        RuledgraphError: when the distortion has no inverse somewhere in the image.
-    """
-
-    def __init__(self, camera: CameraModel) -> None:
-        shape = camera.height, camera.width
-        pixels = np.stack(np.meshgrid(*(np.arange(size) for size in shape[::-1])), axis=-1)
-        rays = camera.undistort(pixels.reshape(-1, 2))
-        if not np.all(np.isfinite(rays)):
-            raise RuledgraphError("the camera's distortion has no inverse in all of the image")
-        self._rays = rays.reshape(*shape, 2).astype(np.float32)
-        scale = np.sqrt(np.linalg.det(camera.distort(rays).jacobian))
-        self._scale = scale.reshape(shape).astype(np.float32)
-        self.scale = float(scale.min())
-        self.field = np.stack([rays.min(axis=0), rays.max(axis=0)])
-
-    def scale_at(self, rows: slice, columns: slice) -> float:
-        """As `_Pinhole.scale_at`."""
-        row, column = (rows.start + rows.stop) // 2, (columns.start + columns.stop) // 2
-        return float(self._scale[row, column])
-
-    def sample(self, texture: Texture, H: FloatArray, rows: slice, columns: slice) -> Texture:
-        """As `_Pinhole.sample`."""
-        at = cv2.perspectiveTransform(self._rays[rows, columns], H)
-        column, row = cv2.split(at)
-        sampled = cv2.remap(texture, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(sampled)
-
-    def distance(self, plane: FloatArray, rows: slice, columns: slice) -> Image:
-        """As `_Pinhole.distance`."""
-        distance = cv2.transform(self._rays[rows, columns], plane[None])
-        return np.asarray(distance * self._scale[rows, columns])
 
 
 class _Boxes(NamedTuple):
@@ -169,12 +91,12 @@ class Renderer:
     """Draws one scene for one camera.
 
     Raises:
-        RuledgraphError: for a camera whose distortion has no inverse somewhere in the image.
+        RuledgraphError: for a camera whose distortion has no inverse somewhere, but for a fisheye.
     """
 
     def __init__(self, scene: Scene, camera: CameraModel) -> None:
         self._camera = camera
-        self._rays = _Pinhole(camera) if camera.distortion == "none" else _Bent(camera)
+        self._rays = PinholeRays(camera) if camera.distortion == "none" else BentRays(camera)
         self._textures = [_Pyramid(texture) for texture in scene.textures]
         self._surfaces = _Surfaces.of(scene)
         self._order = PaintersOrder(scene.surfaces)
@@ -243,6 +165,8 @@ class Renderer:
             else:
                 part += cover * (pixels - part)
             painted[surface] = True
+        if self._rays.seen is not None:
+            canvas[~self._rays.seen] = 0.0
         return canvas
 
     def _boxes(self, in_cam: FloatArray) -> _Boxes:

@@ -15,13 +15,14 @@ from ruledgraph.calibration.sensors import D435I_LIKE, Calibration, CameraModel,
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import Frame, ImuSample
+from ruledgraph.simulation.camera_rays import Image
 from ruledgraph.simulation.exposure import ImageQuality, Sensor
 from ruledgraph.simulation.imu import ImuSource, RecordedImu, SyntheticImu
 from ruledgraph.simulation.inertial_motion import InertialMotion
 from ruledgraph.simulation.measured import MeasuredMotion
 from ruledgraph.simulation.motion import Motion
 from ruledgraph.simulation.motions import make_motion
-from ruledgraph.simulation.renderer import Image, Renderer
+from ruledgraph.simulation.renderer import Renderer
 from ruledgraph.simulation.rolling_shutter import row_weights, rows_with_weight
 from ruledgraph.simulation.scene import Scene
 from ruledgraph.simulation.scenes import make_scene

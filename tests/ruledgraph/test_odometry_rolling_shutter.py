@@ -17,7 +17,7 @@ from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.diagnostics.extrinsics_check import examine_turning
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.propagation import state_before
-from ruledgraph.segments.rows import row_motion
+from ruledgraph.segments.rows import motion_about
 from ruledgraph.simulation import Simulation, make_scene, simulate
 from ruledgraph.simulation import imu as simulated_imu
 from small_runs import ate, ever_degraded, run
@@ -101,7 +101,7 @@ def test_row_motion_is_that_of_the_true_camera(
     simulation, imu = ideal(gravity)
     calibration, bias = simulation.calibration, gtsam.imuBias.ConstantBias()
     time = 3.21
-    rows = row_motion(calibration, imu, time, true_state(simulation, time), bias)
+    rows = motion_about(calibration, imu, time, true_state(simulation, time), bias)
     middle = simulation.motion.pose(time) * calibration.body_T_cam
     for t, turn, position in zip(rows.times, rows.turns, rows.positions, strict=True):
         true = middle.between(simulation.motion.pose(time + t) * calibration.body_T_cam)
@@ -109,7 +109,7 @@ def test_row_motion_is_that_of_the_true_camera(
         np.testing.assert_allclose(position, true.translation(), atol=1e-6)
     assert rows.times[[0, -1]] == pytest.approx([-0.015, 0.015])
     # Before a start the gyroscope alone.
-    blind = row_motion(calibration, imu, time, None, bias)
+    blind = motion_about(calibration, imu, time, None, bias)
     assert blind.positions is None
     np.testing.assert_allclose(blind.turns, rows.turns, atol=1e-9)
 

@@ -36,6 +36,7 @@ ALLOWED = {
     },
     "frontend/detection.py": {"_MAX_PREFETCHED": MEMORY},
     "frontend/edge_batch.py": {"_LEVEL": NUMERICS, "_MIN_PART": NUMERICS},
+    "frontend/field_of_view.py": {"_WIDEST": "beyond it a pixel says next to nothing"},
     "frontend/front_end.py": {
         "_MAX_GRADIENTS": MEMORY,
     },
