@@ -33,6 +33,7 @@ from ruledgraph.app.runner import NO_ESTIMATE, Record, Solver, Watch, run
 from ruledgraph.app.runner import Progress as RunProgress
 from ruledgraph.app.trajectory_files import TrajectoryFormat
 from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.core.config import Config
 from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.core.settings import load_config
 from ruledgraph.evaluation.ground_truth import read_ground_truth
@@ -150,7 +151,7 @@ def smooth_command(
                 ground_truth,
                 choice | {"time_offset": time_offset, "readout": readout},
             ),
-            causes=lambda: _causes(recording, calibration, choice),
+            causes=lambda: _causes(recording, calibration, config, choice),
             warnings=lambda: source.report.warnings,
             record=_record(records) if records else None,
             formats=formats,
@@ -204,10 +205,12 @@ def _of_its_size(
     yield from rest
 
 
-def _causes(recording: Path, calibration: Calibration, choice: dict[str, Any]) -> list[str]:
+def _causes(
+    recording: Path, calibration: Calibration, config: Config, choice: dict[str, Any]
+) -> list[str]:
     from ruledgraph.app.likely_causes import likely_causes
 
-    return likely_causes(recording, calibration, choice)
+    return likely_causes(recording, calibration, config, choice)
 
 
 def _record(records: Sequence[Record]) -> Record:

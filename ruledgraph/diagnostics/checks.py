@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ruledgraph.calibration.sensors import Calibration, CameraModel, ImuNoise
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.core.config import DEFAULTS
+from ruledgraph.core.config import DEFAULTS, Config, RestConfig
 from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.diagnostics.finding import Finding
 from ruledgraph.diagnostics.timing_check import examine_timing
@@ -27,7 +27,6 @@ _FROZEN, _SATURATES = 8, 4
 _REST = 1.0
 # m/s^2; what gravity may be off by at rest.
 _GRAVITY_ERROR = 0.3
-_LARGE_GYROSCOPE_BIAS = 0.1
 # m/s^2; a camera that is carried or flown shows more.
 _MIN_MOTION = 0.3
 # Noise at rest beyond what the calibration says, and far below it.
@@ -85,12 +84,15 @@ class Observations:
         return np.array(self.readings, dtype=np.float64).reshape(-1, 6)
 
 
-def examine(seen: Observations, noise: ImuNoise | None = None) -> Iterator[Finding]:
+def examine(
+    seen: Observations, noise: ImuNoise | None = None, config: Config = DEFAULTS
+) -> Iterator[Finding]:
     """What the measurements show: rates, losses, frozen and saturated sensors, rest and motion.
 
     Args:
         seen: of the whole recording.
         noise: the calibration's, to compare with.
+        config: what counts as rest, and how large the gyroscope's bias may be.
     """
     for name, stamps in (("camera", seen.frame_stamps), ("IMU", seen.imu_stamps)):
         if len(stamps) >= _ENOUGH[name]:
@@ -99,7 +101,12 @@ def examine(seen: Observations, noise: ImuNoise | None = None) -> Iterator[Findi
         return
     times, imu = seen.times(seen.imu_stamps), seen.imu
     yield from _ranges(imu)
-    yield from _motion(times, imu, noise)
+    resting = rests(times, imu, config.rest)
+    yield from _motion(times, imu, resting, config.rest)
+    if resting.any():
+        yield from _at_rest(imu[resting].mean(axis=0), config.start.gyroscope_bias)
+        if noise is not None:
+            yield from _noise_at_rest(times, imu, resting, noise)
 
 
 def _ranges(imu: FloatArray) -> Iterator[Finding]:
@@ -128,8 +135,9 @@ def _ranges(imu: FloatArray) -> Iterator[Finding]:
                 )
 
 
-def _motion(times: FloatArray, imu: FloatArray, noise: ImuNoise | None) -> Iterator[Finding]:
-    resting = rests(times, imu)
+def _motion(
+    times: FloatArray, imu: FloatArray, resting: NDArray[np.bool_], rest: RestConfig
+) -> Iterator[Finding]:
     forces = imu[:, 3:]
     moving = float(np.linalg.norm(forces - forces.mean(axis=0), axis=1).max())
     still = float(np.mean(resting))
@@ -141,8 +149,8 @@ def _motion(times: FloatArray, imu: FloatArray, noise: ImuNoise | None) -> Itera
         )
     else:
         yield Finding(True, f"it moves: the specific force changes by up to {moving:.3g} m/s^2")
-    begin = times < times[0] + DEFAULTS.rest.duration
-    if imu_rests(times[begin], imu[begin], DEFAULTS.rest):
+    begin = times < times[0] + rest.duration
+    if imu_rests(times[begin], imu[begin], rest):
         yield Finding(True, "it starts at rest")
     else:
         yield Finding(
@@ -155,26 +163,30 @@ def _motion(times: FloatArray, imu: FloatArray, noise: ImuNoise | None) -> Itera
             False,
             f"it never rests for {_REST:g} s: gravity and the IMU's noise cannot be compared",
         )
-        return
-    yield from _at_rest(times, imu, resting, noise)
 
 
-def rests(times: FloatArray, imu: FloatArray) -> NDArray[np.bool_]:
-    """Which samples lie in a stretch of rest, (N,)."""
+def rests(
+    times: FloatArray, imu: FloatArray, rest: RestConfig = DEFAULTS.rest
+) -> NDArray[np.bool_]:
+    """Which samples lie in a stretch of rest, (N,).
+
+    Args:
+        times: of the samples, s.
+        imu: gyroscope and accelerometer, (N, 6).
+        rest: what counts as rest.
+    """
     resting = np.zeros(len(times), dtype=bool)
     edges = np.searchsorted(times, np.arange(times[0], times[-1], _REST))
     for first, last in itertools.pairwise(edges.tolist()):
         part = slice(first, last)
         # A gap shows no rest.
-        if last - first > 10 and imu_rests(times[part], imu[part], DEFAULTS.rest):
+        if last - first > 10 and imu_rests(times[part], imu[part], rest):
             resting[part] = True
     return resting
 
 
-def _at_rest(
-    times: FloatArray, imu: FloatArray, resting: NDArray[np.bool_], noise: ImuNoise | None
-) -> Iterator[Finding]:
-    mean = imu[resting].mean(axis=0)
+def _at_rest(mean: FloatArray, bias_sigma: float) -> Iterator[Finding]:
+    """Of the mean of gyroscope and accelerometer at rest, (6,)."""
     gravity, bias = float(np.linalg.norm(mean[3:])), float(np.linalg.norm(mean[:3]))
     if abs(gravity - _GRAVITY) > _GRAVITY_ERROR:
         yield Finding(
@@ -184,14 +196,17 @@ def _at_rest(
         )
     else:
         yield Finding(True, f"at rest the accelerometer shows {gravity:.2f} m/s^2")
-    if bias > _LARGE_GYROSCOPE_BIAS:
+    if bias > bias_sigma:
         yield Finding(
             False,
             f"at rest the gyroscope shows {bias:.2g} rad/s; calibrate it, or raise "
             "--set start.gyroscope_bias",
         )
-    if noise is None:
-        return
+
+
+def _noise_at_rest(
+    times: FloatArray, imu: FloatArray, resting: NDArray[np.bool_], noise: ImuNoise
+) -> Iterator[Finding]:
     both = resting[1:] & resting[:-1]
     step = float(np.median(np.diff(times)))
     # Differences leave out what drifts.

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from ruledgraph.calibration.sensors import Calibration
-from ruledgraph.core.config import StartConfig
+from ruledgraph.core.config import DEFAULTS, StartConfig
 from ruledgraph.core.measurements import Frame, ImuSample, Measurement
 from ruledgraph.diagnostics.finding import Finding
 from ruledgraph.diagnostics.readout_check import compare_readout
@@ -24,17 +24,20 @@ _SIGNIFICANT, _LARGE = 3.0, 0.005
 
 
 def examine_turning(
-    measurements: Iterable[Measurement], calibration: Calibration
+    measurements: Iterable[Measurement],
+    calibration: Calibration,
+    start: StartConfig = DEFAULTS.start,
 ) -> Iterator[Finding]:
     """Compare the turning of the images with the gyroscope's.
 
     Args:
         measurements: a stretch of a recording; the first of it that suffices is used.
         calibration: to judge.
+        start: what is known of the gyroscope's bias.
     """
     origin: int | None = None
     times, readings = [], []
-    bias_sigma = StartConfig().gyroscope_bias
+    bias_sigma = start.gyroscope_bias
     finder = ClockOffsetFinder(calibration, bias_sigma, _MAX_PAIRS)
     camera = calibration.camera
     for m in measurements:

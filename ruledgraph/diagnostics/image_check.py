@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ruledgraph.core.config import DEFAULTS
+from ruledgraph.core.config import DEFAULTS, EdgesConfig
 from ruledgraph.diagnostics.finding import Finding
 from ruledgraph.frontend.line_detection import DETECTORS
 from ruledgraph.recording.images import Grey
@@ -15,9 +15,13 @@ from ruledgraph.recording.images import Grey
 _MIN_SEGMENTS = 6
 
 
-def examine_image(image: Grey) -> Iterator[Finding]:
-    """One of the first images: straight segments that may become lines, and how bright it is."""
-    edges = DEFAULTS.edges
+def examine_image(image: Grey, edges: EdgesConfig = DEFAULTS.edges) -> Iterator[Finding]:
+    """One of the first images: straight segments that may become lines, and how bright it is.
+
+    Args:
+        image: to look at.
+        edges: with this detector, and as long as these settings want them, px.
+    """
     segments = DETECTORS[edges.detector](image)
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
     count = int(np.count_nonzero(lengths >= edges.min_length))

@@ -14,6 +14,7 @@ import numpy as np
 
 from ruledgraph.calibration import CalibrationError, camera_from_info
 from ruledgraph.calibration.sensors import D435I_LIKE, Calibration, CameraModel, ImuNoise
+from ruledgraph.core.config import DEFAULTS, Config
 from ruledgraph.core.measurements import Gap
 from ruledgraph.core.new_folder import check_empty
 from ruledgraph.diagnostics.checks import (
@@ -119,6 +120,7 @@ def inspect_recording(
     duration: float | None = None,
     calibrate: Callable[[str, str | None], Calibration | None] | None = None,
     imu_noise: ImuNoise = D435I_LIKE,
+    config: Config = DEFAULTS,
     plots: Path | None = None,
 ) -> RecordingInfo:
     """Read every stamp and IMU sample of a recording, and its first images.
@@ -136,6 +138,7 @@ def inspect_recording(
         duration: s.
         calibrate: reads the calibration that is to go with a kind of recording and an image topic.
         imu_noise: of a recording that brings the rest of its calibration along.
+        config: settings of the run that it is or was for.
         plots: a new folder for a picture of the timing.
 
     Raises:
@@ -171,7 +174,7 @@ def inspect_recording(
     def turning(known: Calibration) -> Iterator[Finding]:
         # From where on it turns most.
         stretch = Recording(open_container(path), camera, imu, seen.liveliest(start or 0.0))
-        return examine_turning(stretch.stream(), known)
+        return examine_turning(stretch.stream(), known, config.start)
 
     report = recording.report
     info.topics = [container.describe(topic) for topic in container.topics]
@@ -187,9 +190,10 @@ def inspect_recording(
         info.overlap = max(0, min(report.frames.last, report.imu.last) - begin) * 1e-9
     info.warnings = report.warnings
     info.bytes_lost = report.bytes_lost
-    info.findings = list(examine(seen, calibration.imu_noise if calibration else None))
+    noise = calibration.imu_noise if calibration else None
+    info.findings = list(examine(seen, noise, config))
     if images.latest is not None:
-        info.findings += examine_image(images.latest)
+        info.findings += examine_image(images.latest, config.edges)
     if calibration is None and container.camera_infos:
         found, own = _own_calibration(Recording(open_container(path), camera, imu), imu_noise)
         info.findings.append(found)
@@ -204,7 +208,7 @@ def inspect_recording(
         if not info.missing:
             info.findings += turning(calibration)
     if plots is not None:
-        info.plot = str(draw_timing(seen, plots))
+        info.plot = str(draw_timing(seen, plots, config.rest))
     return info
 
 

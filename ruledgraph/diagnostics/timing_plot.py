@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ruledgraph.core.config import DEFAULTS, RestConfig
 from ruledgraph.core.new_folder import new_folder
 from ruledgraph.diagnostics.checks import Observations, rests
 
 
-def draw_timing(seen: Observations, folder: Path) -> Path:
-    """Steps between stamps, and what the IMU measured, in `timing.png`.
+def draw_timing(seen: Observations, folder: Path, rest: RestConfig = DEFAULTS.rest) -> Path:
+    """Steps between stamps, what the IMU measured, and where it rests, in `timing.png`.
 
     Raises:
         FolderError: when the folder holds something, or cannot be written.
@@ -33,7 +34,7 @@ def draw_timing(seen: Observations, folder: Path) -> Path:
             panel.set(title=f"{name}: step between stamps", ylabel="ms")
         if len(seen.imu_stamps) > 1:
             times, imu = seen.times(seen.imu_stamps), seen.imu
-            resting = rests(times, imu).tolist()
+            resting = rests(times, imu, rest).tolist()
             for panel, first, name, unit in (
                 (panels[2], 0, "gyroscope", "rad/s"),
                 (panels[3], 3, "accelerometer", "m/s²"),

@@ -244,6 +244,8 @@ def test_without_an_estimate_it_failed_and_says_why(recording, tmp_path):
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["status"] == {"without estimate": summary["frames"]}
     assert any("it starts in motion" in cause for cause in summary["likely_causes"])
+    # Edges are counted as this run wanted them.
+    assert any("has 0 straight edges of 9000 px" in cause for cause in summary["likely_causes"])
     assert f"likely cause: {summary['likely_causes'][0]}" in result.output
 
 

@@ -16,6 +16,7 @@ from ruledgraph.app.cli import main
 from ruledgraph.calibration import write_kalibr
 from ruledgraph.calibration.sensors import D435I_LIKE, CameraModel, ImuNoise
 from ruledgraph.core.measurements import Frame, ImuSample
+from ruledgraph.core.settings import load_config
 from ruledgraph.diagnostics.checks import Observations, examine, examine_calibration, rests
 from ruledgraph.diagnostics.info import inspect_recording
 from ruledgraph.diagnostics.readout_check import examine_readout
@@ -179,6 +180,15 @@ def test_rest_is_told_from_motion():
     resting = rests(times, imu)
     assert resting[times < 1.9].all()
     assert not resting[times > 2.1].any()
+
+
+def test_the_settings_say_what_rests_and_how_large_a_bias_may_be():
+    times, imu = biased(*healthy())
+    seen = observed(times, imu)
+    assert any("start.gyroscope_bias" in text for text in bad(examine(seen, NOISE)))
+    assert bad(examine(seen, NOISE, load_config(None, ["start.gyroscope_bias=0.3"]))) == []
+    strict = bad(examine(seen, NOISE, load_config(None, ["rest.velocity_sigma=1e-6"])))
+    assert any("it never rests for 1 s" in text for text in strict)
 
 
 def test_few_measurements_are_not_judged():
