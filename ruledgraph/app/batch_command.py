@@ -17,7 +17,7 @@ from ruledgraph.app.batch.cluster import run_all
 from ruledgraph.app.batch.jobs import Job, plan
 from ruledgraph.app.batch.store import Store
 from ruledgraph.app.batch.work import Outcome
-from ruledgraph.app.run_summary import short_text
+from ruledgraph.app.summary_text import short_text
 
 # Exit code after Ctrl-C, as shells say it.
 _INTERRUPTED = 130

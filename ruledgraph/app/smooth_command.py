@@ -28,7 +28,7 @@ from ruledgraph.app.batch.jobs import filled
 from ruledgraph.app.calibration_choice import calibration_for
 from ruledgraph.app.options import make_way, make_way_for_results
 from ruledgraph.app.results import default_folder
-from ruledgraph.app.run_summary import summary_text
+from ruledgraph.app.summary_text import summary_text
 from ruledgraph.app.runner import NO_ESTIMATE, Record, Solver, Watch, run
 from ruledgraph.app.runner import Progress as RunProgress
 from ruledgraph.app.trajectory_files import TrajectoryFormat

@@ -4,7 +4,7 @@
 
 from pathlib import Path
 
-from ruledgraph.app.run_summary import short_text, summary_text
+from ruledgraph.app.summary_text import short_text, summary_text
 
 SUMMARY = {
     "frames": 200,
