@@ -5,44 +5,34 @@
 import ctypes
 import dataclasses
 import signal
-import sys
-import time as clock
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 import cv2
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskProgressColumn,
-    TextColumn,
-    TimeRemainingColumn,
-)
 
 from ruledgraph.app.batch.jobs import filled
 from ruledgraph.app.calibration_choice import calibration_for
 from ruledgraph.app.options import make_way, make_way_for_results
+from ruledgraph.app.outputs import OutputOptions, Outputs
+from ruledgraph.app.progress import progress_bar
 from ruledgraph.app.results import default_folder
+from ruledgraph.app.runner import Source, run
+from ruledgraph.app.solvers import Solver
+from ruledgraph.app.summary import NO_ESTIMATE
 from ruledgraph.app.summary_text import summary_text
-from ruledgraph.app.runner import NO_ESTIMATE, Record, Solver, Watch, run
-from ruledgraph.app.runner import Progress as RunProgress
 from ruledgraph.app.trajectory_files import TrajectoryFormat
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.core.settings import load_config
 from ruledgraph.evaluation.ground_truth import read_ground_truth
-from ruledgraph.odometry import Odometry
 from ruledgraph.recording import Recording, RecordingError, check_frame_size, open_recording
 
 _FEW_WARNINGS = 5
-# Between lines of progress where there is no terminal, s.
-_PROGRESS_INTERVAL = 5.0
 # Of glibc's malloc.h.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _NOTHING_ESTIMATED, _BY_SIGNAL = 3, 128
@@ -103,69 +93,37 @@ def smooth_command(
     output = output or default_folder(recording)
     files = (recording, *calibration_files, ground_truth, config_file)
     inputs = [Path(file) for file in files if file is not None]
+    wanted = OutputOptions(plots, directrices, video, rerun, ros2_bag)
     if force:
-        make_way(*_replaced(video, rerun, ros2_bag), inputs=inputs)
-    pictures = None
-    if plots:
-        from ruledgraph.visualization.plots import PlotRecorder
-
-        pictures = PlotRecorder(calibration.camera)
+        make_way(*wanted.replaceable, inputs=inputs)
     cropped = choice["start"] is not None or choice["duration"] is not None
     frames = None if cropped else _frame_count(source)
-    log = None
-    if rerun is not None:
-        from ruledgraph.visualization.rerun_log import RerunLog
-
-        log = RerunLog(rerun, calibration)
-    film = None
-    if video is not None:
-        from ruledgraph.visualization.video import Video
-
-        film = Video(video, calibration.camera)
-    _tune_process()
-    bag = None
-    if ros2_bag is not None:
-        from ruledgraph.app.ros_output import Ros2Output
-
-        bag = Ros2Output(ros2_bag, calibration)
-    watchers = [watcher.watch for watcher in (pictures, log, film) if watcher is not None]
-    records = [output.write for output in (log, bag) if output is not None]
-    with (
-        _progress_bar(frames) as show,
-        log or nullcontext(),
-        film or nullcontext(),
-        bag or nullcontext(),
-    ):
-        if force:  # not before all else has proved possible
-            make_way_for_results(output, inputs)
-        summary = run(
-            _of_its_size(source.stream(), calibration, calibration_files),
-            calibration,
-            config,
-            output,
-            solver=solver,
-            ground_truth=truth,
-            inputs=_inputs(
-                recording,
-                calibration_files,
-                ground_truth,
-                choice | {"time_offset": time_offset, "readout": readout},
-            ),
-            causes=lambda: _causes(recording, calibration, config, choice),
-            warnings=lambda: source.report.warnings,
-            record=_record(records) if records else None,
-            formats=formats,
-            watch=_each(watchers) if watchers else None,
-            on_progress=show,
-        )
-    if pictures is not None:
-        pictures.draw(output, truth, directrices=directrices)
-    logged = log.path if log is not None else None
-    _tell(summary, output, verbose, logged if logged is not None and logged.exists() else None)
-    if video is not None and video.exists():
-        click.echo(f"video: {video}", err=True)
-    if bag is not None and bag.path.exists():
-        click.echo(f"for RViz and Foxglove: {bag.path}", err=True)
+    with Outputs(wanted, calibration) as outputs:
+        _tune_process()
+        with progress_bar(frames) as show:
+            if force:  # not before all else has proved possible
+                make_way_for_results(output, inputs)
+            summary = run(
+                _of_its_size(source.stream(), calibration, calibration_files),
+                calibration,
+                config,
+                output,
+                solver=solver,
+                ground_truth=truth,
+                inputs=_inputs(
+                    recording,
+                    calibration_files,
+                    ground_truth,
+                    choice | {"time_offset": time_offset, "readout": readout},
+                ),
+                source=_Recorded(recording, source, calibration, config, choice),
+                formats=formats,
+                observers=[outputs.observe, show],
+            )
+    outputs.draw(output, truth)
+    _tell(summary, output, verbose, outputs.rerun_file)
+    for message in outputs.messages():
+        click.echo(message, err=True)
     if summary["ended"] == "interrupted":
         # As shells say it: 130 for SIGINT, 143 for SIGTERM.
         click.get_current_context().exit(_BY_SIGNAL + summary.get("signal", signal.SIGINT))
@@ -173,18 +131,23 @@ def smooth_command(
         click.get_current_context().exit(_NOTHING_ESTIMATED)
 
 
-def _replaced(video: Path | None, rerun: str | None, ros2_bag: Path | None) -> list[Path]:
-    """The files that --force replaces beside the folder of results."""
-    named = (video, ".mp4"), (rerun and Path(rerun), ".rrd"), (ros2_bag, ".mcap")
-    return [path for path, suffix in named if path and path.suffix == suffix]
+@dataclass(frozen=True)
+class _Recorded(Source):
+    """A recording, which is looked at again where it yielded little."""
 
+    path: Path
+    reader: Recording
+    calibration: Calibration
+    config: Config
+    choice: Mapping[str, Any]
 
-def _each(watchers: Sequence[Watch]) -> Watch:
-    def watch(odometry: Odometry, frame: Frame) -> None:
-        for watcher in watchers:
-            watcher(odometry, frame)
+    def warnings(self) -> list[str]:
+        return self.reader.report.warnings
 
-    return watch
+    def likely_causes(self) -> list[str]:
+        from ruledgraph.app.likely_causes import likely_causes
+
+        return likely_causes(self.path, self.calibration, self.config, self.choice)
 
 
 def _of_its_size(
@@ -203,22 +166,6 @@ def _of_its_size(
         if isinstance(measurement, Frame):
             break
     yield from rest
-
-
-def _causes(
-    recording: Path, calibration: Calibration, config: Config, choice: dict[str, Any]
-) -> list[str]:
-    from ruledgraph.app.likely_causes import likely_causes
-
-    return likely_causes(recording, calibration, config, choice)
-
-
-def _record(records: Sequence[Record]) -> Record:
-    def record(*handed_out: Any) -> None:
-        for each in records:
-            each(*handed_out)
-
-    return record
 
 
 def _inputs(
@@ -250,45 +197,6 @@ def _tune_process() -> None:
         c_library = ctypes.CDLL(None)
         c_library.mallopt(_M_MMAP_THRESHOLD, 32 * 2**20)
         c_library.mallopt(_M_TRIM_THRESHOLD, 256 * 2**20)
-
-
-@contextmanager
-def _progress_bar(total: int | None) -> Iterator[Callable[[RunProgress], None]]:
-    """A bar on a terminal, elsewhere a line every few seconds."""
-    if not sys.stderr.isatty():
-        yield _progress_lines(total)
-        return
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TaskProgressColumn(show_speed=True),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[lines]} lines"),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("smoothing", total=total, lines=0)
-
-        def show(state: RunProgress) -> None:
-            bar.update(task, completed=state.frames, lines=state.lines, description=state.status)
-
-        yield show
-
-
-def _progress_lines(total: int | None) -> Callable[[RunProgress], None]:
-    said = clock.monotonic()
-
-    def show(state: RunProgress) -> None:
-        nonlocal said
-        if clock.monotonic() - said >= _PROGRESS_INTERVAL:
-            said = clock.monotonic()
-            frames = (
-                f"{state.frames} frames" if total is None else f"{state.frames} of {total} frames"
-            )
-            text = f"{frames}, {state.seconds:.1f} s, {state.status}, {state.lines} lines"
-            click.echo(text, err=True)
-
-    return show
 
 
 def _tell(summary: dict[str, Any], output: Path, verbose: bool, rerun: Path | None) -> None:

@@ -12,7 +12,7 @@ from ruledgraph.app.batch.cluster import run_in_turn
 from ruledgraph.app.batch.jobs import plan
 from ruledgraph.app.batch_command import smooth_jobs
 from ruledgraph.app.results import default_folder
-from ruledgraph.app.runner import Solver
+from ruledgraph.app.solvers import Solver
 from ruledgraph.app.trajectory_files import TrajectoryFormat
 
 

@@ -3,7 +3,7 @@
 """One run of a batch, as a worker does it: a job comes in, its results go back."""
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from ruledgraph.app.batch.jobs import SIMULATED, Job, simulation_options, stem
 from ruledgraph.app.calibration_choice import calibration_for
-from ruledgraph.app.runner import run
+from ruledgraph.app.outputs import OutputOptions, Outputs
+from ruledgraph.app.runner import Source, run
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import Measurement
 from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
-from ruledgraph.recording import open_recording
+from ruledgraph.recording import Recording, open_recording
 from ruledgraph.simulation.options import simulation_from_options
 
 
@@ -53,9 +54,17 @@ def run_job(job: Job) -> Outcome:
     return Outcome(error, summary, files)
 
 
+@dataclass(frozen=True)
+class _Reader(Source):
+    recording: Recording
+
+    def warnings(self) -> list[str]:
+        return self.recording.report.warnings
+
+
 def _run(job: Job, output: Path, folder: Path) -> dict[str, Any]:
     inputs = {"recording": job.recording, "ground truth": job.ground_truth or ""}
-    warnings: Callable[[], list[str]] = list
+    source = Source()
     truth: GroundTruth | None
     measurements: Iterator[Measurement]
     if job.recording.startswith(SIMULATED):
@@ -69,42 +78,34 @@ def _run(job: Job, output: Path, folder: Path) -> dict[str, Any]:
         inputs["seed"] = str(job.seed)
     else:
         path = _local(job.recording, folder)
-        source = open_recording(path, **dict(job.choice))
+        recording = open_recording(path, **dict(job.choice))
+        source = _Reader(recording)
         files = [_local(file, folder) for file in job.calibration]
-        calibration = calibration_for(path, source, files, job.camera, job.imu)
+        calibration = calibration_for(path, recording, files, job.camera, job.imu)
         known = job.ground_truth and _local(job.ground_truth, folder)
-        truth = read_ground_truth(str(known), source) if known else None
-        measurements = source.stream()
+        truth = read_ground_truth(str(known), recording) if known else None
+        measurements = recording.stream()
         inputs |= {"calibration": ", ".join(job.calibration)}
         inputs |= {name.replace("_", " "): str(value) for name, value in job.choice}
-
-        def warnings() -> list[str]:
-            return source.report.warnings
-
     if job.time_offset is not None:
         calibration = replace(calibration, time_offset=job.time_offset)
         inputs["time offset"] = str(job.time_offset)
     if job.readout is not None:
         calibration = calibration.with_readout(job.readout)
         inputs["readout"] = str(job.readout)
-    pictures = None
-    if job.plots:
-        from ruledgraph.visualization.plots import PlotRecorder  # which takes long to load
-
-        pictures = PlotRecorder(calibration.camera)
-    summary = run(
-        measurements,
-        calibration,
-        job.config,
-        output,
-        ground_truth=truth,
-        inputs=inputs,
-        warnings=warnings,
-        formats=job.formats,
-        watch=pictures.watch if pictures is not None else None,
-    )
-    if pictures is not None:
-        pictures.draw(output, truth)
+    with Outputs(OutputOptions(plots=job.plots), calibration) as outputs:
+        summary = run(
+            measurements,
+            calibration,
+            job.config,
+            output,
+            ground_truth=truth,
+            inputs=inputs,
+            source=source,
+            formats=job.formats,
+            observers=[outputs.observe],
+        )
+    outputs.draw(output, truth)
     return summary
 
 

@@ -16,7 +16,7 @@ import pytest
 from click.testing import Result
 from evo.tools import file_interface
 
-from ruledgraph.app.runner import run
+from ruledgraph.app.runner import Source, run
 from ruledgraph.core.config import Config
 from ruledgraph.core.measurements import ImuSample
 from ruledgraph.core.settings import load_config
@@ -199,19 +199,22 @@ def test_whatever_goes_wrong_is_on_record_and_the_reader_ends(tmp_path):
         finally:
             closed.set()
 
-    def watch(_, frame):
-        if frame.stamp > stream[len(stream) // 2].stamp:
+    def observe(step):
+        if step.frame is not None and step.frame.stamp > stream[len(stream) // 2].stamp:
             raise LookupError("a mistake")
 
-    def warnings():
-        # Who reads has ended: what it counted does not change any more.
-        assert closed.is_set()
-        return []
+    class Reader(Source):
+        def warnings(self):
+            # Who reads has ended: what it counted does not change any more.
+            assert closed.is_set()
+            return ["a warning"]
 
+    output, observers = tmp_path / "out", [observe]
     with pytest.raises(LookupError):
-        run(reading(), calibration, Config(), tmp_path / "out", watch=watch, warnings=warnings)
+        run(reading(), calibration, Config(), output, source=Reader(), observers=observers)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["ended"] == "LookupError: a mistake"
+    assert summary["warnings"][0] == "a warning"
     assert summary["frames_estimated"] == len(read_tum(tmp_path / "out" / "trajectory.tum"))
 
 
