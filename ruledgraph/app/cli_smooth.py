@@ -82,7 +82,7 @@ from ruledgraph.app.options import (
 @force_option
 @click.option("-v", "--verbose", is_flag=True, help="Say more: all warnings, stage timings.")
 @recording_options
-def smooth(recordings: tuple[Path, ...], **options: Any) -> None:
+def smooth(recordings: tuple[Path, ...], **given: Any) -> None:
     """Estimate the metric trajectory and the lines of a RECORDING.
 
     RECORDING is what `ruledgraph info` reads. The results folder gets trajectory.tum (smoothed) and
@@ -104,15 +104,17 @@ def smooth(recordings: tuple[Path, ...], **options: Any) -> None:
     # What is imported stays: the garbage collector need not look through it, now or at the end.
     gc.disable()
     from ruledgraph.app.smooth_command import smooth_command
+    from ruledgraph.app.smooth_options import SmoothOptions
     from ruledgraph.recording import recordings_in
 
     gc.freeze()
     gc.enable()
+    options = SmoothOptions.from_command_line(given)
     if len(recordings) == 1 and (
         not recordings[0].is_dir() or recordings_in(recordings[0]) in ([], [recordings[0]])
     ):
-        smooth_command(recordings[0], **options)
+        smooth_command(recordings[0], options)
         return
     from ruledgraph.app.smooth_several import smooth_several
 
-    smooth_several(recordings, **options)
+    smooth_several(recordings, options)

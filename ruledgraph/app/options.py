@@ -18,6 +18,16 @@ _MARKS = (_OF_RESULTS, "*.db3", "mav0")
 LONGEST_READOUT = 1.0
 """s; above any frame interval in use, so that milliseconds are noticed."""
 
+RECORDING_CHOICE = (
+    "image_topic",
+    "imu_topic",
+    "gyroscope_topic",
+    "accelerometer_topic",
+    "start",
+    "duration",
+)
+"""The parameters of `recording_options`, which are arguments of `open_recording`, too."""
+
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 
@@ -121,6 +131,11 @@ def force_option(command: _Command) -> _Command:
     return click.option(
         "--force", is_flag=True, help="Write over what an earlier command wrote there."
     )(command)
+
+
+def filled(text: str, folder: Path, stem: str) -> str:
+    """A name in which `{folder}` and `{stem}` stand for those of a recording."""
+    return text.replace("{folder}", str(folder)).replace("{stem}", stem)
 
 
 def make_way(*paths: Path, inputs: Iterable[Path] = ()) -> None:

@@ -14,17 +14,15 @@ from typing import Any
 import click
 import cv2
 
-from ruledgraph.app.batch.jobs import filled
 from ruledgraph.app.calibration_choice import calibration_for
 from ruledgraph.app.options import make_way, make_way_for_results
-from ruledgraph.app.outputs import OutputOptions, Outputs
+from ruledgraph.app.outputs import Outputs
 from ruledgraph.app.progress import progress_bar
 from ruledgraph.app.results import default_folder
 from ruledgraph.app.runner import Source, run
-from ruledgraph.app.solvers import Solver
+from ruledgraph.app.smooth_options import SmoothOptions
 from ruledgraph.app.summary import NO_ESTIMATE
 from ruledgraph.app.summary_text import summary_text
-from ruledgraph.app.trajectory_files import TrajectoryFormat
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.measurements import Frame, Measurement
@@ -45,83 +43,37 @@ _STATUS_MEANINGS = {
 }
 
 
-def smooth_command(
-    recording: Path,
-    *,
-    calibration_files: Sequence[Path],
-    camera: str | None,
-    imu: str | None,
-    readout: float | None,
-    output: Path | None,
-    ground_truth: str | None,
-    config_file: Path | None,
-    settings: Sequence[str],
-    time_offset: float | None,
-    plots: bool,
-    directrices: bool,
-    video: Path | None,
-    rerun: str | None,
-    ros2_bag: Path | None,
-    formats: Sequence[TrajectoryFormat],
-    solver: Solver,
-    force: bool,
-    verbose: bool,
-    **choice: Any,
-) -> None:
+def smooth_command(recording: Path, options: SmoothOptions) -> None:
     """See `ruledgraph smooth --help`."""
-    if solver == "paper":
-        given = {
-            "--plots": plots,
-            "--video": video,
-            "--rerun": rerun,
-            "--ros2-bag": ros2_bag,
-            "--trajectory-format": formats,
-            "--config and --set": config_file or settings,
-            "--readout": readout,
-        }
-        if unused := next((option for option, value in given.items() if value), None):
-            raise click.UsageError(f"{unused}: the paper's solver has none; leave it out")
-    config = load_config(config_file, settings)
-    source = open_recording(recording, **choice)
-    calibration_files = [Path(filled(str(file), str(recording))) for file in calibration_files]
-    calibration = calibration_for(recording, source, calibration_files, camera, imu, readout)
-    if time_offset is not None:
-        calibration = dataclasses.replace(calibration, time_offset=time_offset)
-    if ground_truth:
-        ground_truth = filled(ground_truth, str(recording))
-    truth = read_ground_truth(ground_truth, source) if ground_truth else None
-    output = output or default_folder(recording)
-    files = (recording, *calibration_files, ground_truth, config_file)
-    inputs = [Path(file) for file in files if file is not None]
-    wanted = OutputOptions(plots, directrices, video, rerun, ros2_bag)
-    if force:
-        make_way(*wanted.replaceable, inputs=inputs)
-    cropped = choice["start"] is not None or choice["duration"] is not None
-    frames = None if cropped else _frame_count(source)
-    with Outputs(wanted, calibration) as outputs:
+    _check_solver(options)
+    config = load_config(options.config_file, options.settings)
+    reader = open_recording(recording, **options.choice)
+    options = options.of_recording(recording)
+    calibration = _calibration(recording, reader, options)
+    truth = read_ground_truth(options.ground_truth, reader) if options.ground_truth else None
+    output = options.output or default_folder(recording)
+    files_read = options.files_read(recording)
+    if options.force:
+        make_way(*options.outputs.replaceable, inputs=files_read)
+    with Outputs(options.outputs, calibration) as outputs:
         _tune_process()
-        with progress_bar(frames) as show:
-            if force:  # not before all else has proved possible
-                make_way_for_results(output, inputs)
+        with progress_bar(_frame_count(reader, options)) as show:
+            if options.force:  # not before all else has proved possible
+                make_way_for_results(output, files_read)
             summary = run(
-                _of_its_size(source.stream(), calibration, calibration_files),
+                _of_its_size(reader.stream(), calibration, options.calibration_files),
                 calibration,
                 config,
                 output,
-                solver=solver,
+                solver=options.solver,
                 ground_truth=truth,
-                inputs=_inputs(
-                    recording,
-                    calibration_files,
-                    ground_truth,
-                    choice | {"time_offset": time_offset, "readout": readout},
-                ),
-                source=_Recorded(recording, source, calibration, config, choice),
-                formats=formats,
+                inputs=options.inputs(recording),
+                source=_Recorded(recording, reader, calibration, config, options.choice),
+                formats=options.formats,
                 observers=[outputs.observe, show],
             )
     outputs.draw(output, truth)
-    _tell(summary, output, verbose, outputs.rerun_file)
+    _tell(summary, output, options.verbose, outputs.rerun_file)
     for message in outputs.messages():
         click.echo(message, err=True)
     if summary["ended"] == "interrupted":
@@ -150,6 +102,30 @@ class _Recorded(Source):
         return likely_causes(self.path, self.calibration, self.config, self.choice)
 
 
+def _check_solver(options: SmoothOptions) -> None:
+    """Refuse what the paper's solver has no use for."""
+    if options.solver != "paper":
+        return
+    given = {
+        "--plots": options.outputs.plots,
+        "--video": options.outputs.video,
+        "--rerun": options.outputs.rerun,
+        "--ros2-bag": options.outputs.ros2_bag,
+        "--trajectory-format": options.formats,
+        "--config and --set": options.config_file or options.settings,
+        "--readout": options.readout,
+    }
+    if unused := next((option for option, value in given.items() if value), None):
+        raise click.UsageError(f"{unused}: the paper's solver has none; leave it out")
+
+
+def _calibration(recording: Path, reader: Recording, options: SmoothOptions) -> Calibration:
+    files, readout = options.calibration_files, options.readout
+    found = calibration_for(recording, reader, files, options.camera, options.imu, readout)
+    offset = options.time_offset
+    return found if offset is None else dataclasses.replace(found, time_offset=offset)
+
+
 def _of_its_size(
     measurements: Iterable[Measurement], calibration: Calibration, files: Sequence[Path]
 ) -> Iterator[Measurement]:
@@ -168,21 +144,11 @@ def _of_its_size(
     yield from rest
 
 
-def _inputs(
-    recording: Path, files: Sequence[Path], ground_truth: str | None, choice: dict[str, Any]
-) -> dict[str, str]:
-    """What was asked for, as it was written."""
-    named = {
-        "recording": str(recording),
-        "calibration": ", ".join(map(str, files)),
-        "ground truth": ground_truth,
-        **{name.replace("_", " "): value for name, value in choice.items()},
-    }
-    return {name: str(value) for name, value in named.items() if value not in (None, "")}
-
-
-def _frame_count(source: Recording) -> int | None:
-    return source.image_topic.message_count if source.image_topic else None
+def _frame_count(reader: Recording, options: SmoothOptions) -> int | None:
+    """How many there are, where that is known beforehand."""
+    if options.is_cropped or not reader.image_topic:
+        return None
+    return reader.image_topic.message_count
 
 
 def _tune_process() -> None:

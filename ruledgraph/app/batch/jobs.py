@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl
 
+from ruledgraph.app.options import filled
 from ruledgraph.app.trajectory_files import TrajectoryFormat
 from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError
@@ -139,8 +140,8 @@ def plan(
                     settings=tuple(s for s in chosen if s.partition("=")[0] in varied),
                     seed=seed,
                     config=config,
-                    calibration=tuple(filled(file, recording) for file in calibration),
-                    ground_truth=filled(ground_truth, recording) if ground_truth else None,
+                    calibration=tuple(_filled(file, recording) for file in calibration),
+                    ground_truth=_filled(ground_truth, recording) if ground_truth else None,
                     camera=camera,
                     imu=imu,
                     choice=tuple((k, v) for k, v in (choice or {}).items() if v is not None),
@@ -205,6 +206,5 @@ def _values(setting: str) -> list[str]:
     return [f"{name.strip()}{equals}{value.strip()}" for value in values.split(",")]
 
 
-def filled(text: str, recording: str) -> str:
-    """A name in which `{folder}` and `{stem}` stand for the recording's."""
-    return text.replace("{folder}", str(Path(recording).parent)).replace("{stem}", stem(recording))
+def _filled(text: str, recording: str) -> str:
+    return filled(text, Path(recording).parent, stem(recording))

@@ -104,6 +104,16 @@ def test_all_that_is_written_is_replaced_by_force(recording, tmp_path):
     assert all(file.stat().st_size > 1000 for file in files)
 
 
+def test_an_output_that_is_refused_leaves_nothing_of_those_before_it(recording, tmp_path):
+    (tmp_path / "run.mcap").write_text("old")
+    given = (recording / "small.bag", "--calibration", recording / "calib.yaml")
+    given += ("--video", tmp_path / "run.mp4", "--ros2-bag", tmp_path / "run.mcap")
+    result = smooth(*given, "--output", tmp_path / "run")
+    assert result.exit_code == 2
+    assert "run.mcap: exists already" in result.output
+    assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
+
+
 def test_a_run_that_is_refused_leaves_no_other_file(recording, tmp_path):
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "notes.txt").touch()
