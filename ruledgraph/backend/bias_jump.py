@@ -127,10 +127,10 @@ def bias_jump(
     seen = [each for each in seen if each.line.inverse_distance().is_known]
     if not seen:
         return None
-    lines = _whitened(interval, seen, model)
     needed = config.integrity.jump_confidence
     unknown = known + block_diag(np.zeros((9, 9)), np.diag(np.square(config.start.bias_sigmas)))
     try:
+        lines = _whitened(interval, seen, model)
         none, jump = lines.fitted(known), lines.fitted(unknown)
     except np.linalg.LinAlgError:  # no covariance: the smoother has failed
         return None

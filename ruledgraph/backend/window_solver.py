@@ -73,7 +73,10 @@ class WindowSolver:
                 self._solve(update)
                 self._line_map.keep_only(update.times)
                 return
-            except SmootherError:
+            except (
+                SmootherError,
+                np.linalg.LinAlgError,
+            ):  # the latter of a covariance that is none
                 continue
         self.has_failed = True
 

@@ -121,7 +121,9 @@ class SegmentSequence:
         self._forget_frames()
 
     def _discard_start(self, time: float, reason: str = "") -> None:
-        """Forget a start that is on trial, and say why until the next attempt."""
+        """Forget a start that is on trial, and its time offset; say why until the next attempt."""
+        sensors, known = self._stages.sensors, self._stages.clock.offset.value
+        self.initializer.retime(known - self._calibration.time_offset - sensors.offset_correction)
         self.initializer.refusal = reason
         self.current = self._trial = None
         self._count -= 1
@@ -184,7 +186,9 @@ class SegmentSequence:
     def end_without_frames(self, kept: float) -> None:
         """End the segment when no frame came for so long, s; keep what a new start needs."""
         sensors = self._stages.sensors
-        frames, before = sensors.frames, sensors.imu.latest - kept - self._config.imu.max_frame_wait
+        # Stamps may be that far behind the IMU by a known offset.
+        late = self._config.imu.max_frame_wait + max(-self._calibration.time_offset, 0.0)
+        frames, before = sensors.frames, sensors.imu.latest - kept - late
         if frames and frames.last.time < before:
             self.end_if_cut_off(sensors.imu.latest)
             self.end()

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How segments of the trajectory end, and how the next ones begin."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Gap, ImuSample
 from ruledgraph.core.settings import load_config
+from ruledgraph.imu.synchronizer import Synchronizer
 from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.trial import Trial
 from ruledgraph.integrity.gauge import yaw_alignment
@@ -159,6 +162,32 @@ def test_a_start_on_moving_things_is_discarded(monkeypatch):
     assert len(live) > 20
     assert [e.stamp for e in live] == sorted({e.stamp for e in live})
     assert ate(live, small_simulation(moving=True)) < 0.03
+
+
+def test_a_discarded_start_leaves_no_time_offset(monkeypatch):
+    stream, calibration = small_stream(moving=True)
+    late = [replace(m, stamp=m.stamp + 8_000_000) if isinstance(m, Frame) else m for m in stream]
+    odometry, changes, left = Odometry(calibration), [], []
+    retime, passed = Synchronizer.retime, Trial.passed
+
+    def noted(self, change):
+        changes.append(change)
+        retime(self, change)
+
+    def refuted(self, window, agrees):
+        if not left:
+            left.append(self)
+            self.failure = "its lines were no good"
+        return passed(self, window, agrees)
+
+    monkeypatch.setattr(Synchronizer, "retime", noted)
+    monkeypatch.setattr(Trial, "passed", refuted)
+    for measurement in late:
+        odometry.add(measurement)
+        if left:
+            break
+    assert max(map(abs, changes)) > 5e-3
+    assert sum(changes) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_start_that_a_recordings_end_leaves_on_trial_is_degraded():
