@@ -13,12 +13,13 @@ from ruledgraph.core.measurements import Frame, ImuSample, Measurement
 from ruledgraph.core.output import Output
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.frontend.tracker import Tracker
-from ruledgraph.imu.frame_history import EARLY
+from ruledgraph.imu.frame_history import TIME_TOLERANCE, FrameTime
 from ruledgraph.imu.image_input import image_fault
 from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.integrity.gauge import ReliableState
-from ruledgraph.segments.prediction import count_in_graph, predicted
+from ruledgraph.segments.prediction import predicted
 from ruledgraph.segments.rows import row_motion
+from ruledgraph.segments.segment import TrajectorySegment
 from ruledgraph.segments.sequence import SegmentSequence
 from ruledgraph.segments.stages import Stages
 
@@ -174,38 +175,45 @@ class Odometry(Output):
             self._process(frame)
 
     def _estimate(self, frame: Frame) -> None:
-        sensors, front_end, segments = self._stages.sensors, self._stages.front_end, self._segments
+        sensors, segments = self._stages.sensors, self._segments
         now = sensors.timed(frame)
         if now is None:
             return
-        front_end.start_tracks()
+        self._stages.front_end.start_tracks()
         segments.end_if_cut_off(now.time)
-        segment = segments.current
-        due = segment is not None and segment.is_state_due(now.time)
-        detect_every: float | None = self.config.tracks.detection_interval - EARLY
-        if segment is not None:
-            # At a state it costs little time: the smoother works meanwhile.
-            detect_every = segment.detection_interval - EARLY if due else None
-        expected = predicted(self._stages, segment, now)
-        rows = row_motion(self._stages, segment, now)
-        found = front_end.process(frame, now.time, expected, detect_every, rows)
-        lines = count_in_graph(segment, found)
+        found = self._searched(frame, now)
         sensors.frames.append(now)
+        segment = segments.current
         if segment is None or segments.last_status != "still":
             with self.timings.measured("clock"):
                 self.clock_search.add_image(sensors.seconds(frame.stamp), frame.image)
         if segment is None:
             with self.timings.measured("start"):
-                due = segments.try_start(now)
-            lines = count_in_graph(segments.current, found)
-        else:
-            if due or segment.rest.of_state:
-                segment.look(now.time)
-            if due:
-                with self.timings.measured("smoother"):
-                    due = segment.advance()
-                if due and not segments.continues(segment, now):
-                    return
+                segments.try_start(now)
+        elif not self._carried_on(segment, now):
+            return
         if segments.current is not None:
-            segments.last_status = segments.current.report(now, lines, due)
+            segments.last_status = segments.current.report(now, found)
         self._stages.forget(now.time - self._kept)
+
+    def _searched(self, frame: Frame, now: FrameTime) -> list[int]:
+        """Look for the lines where they are predicted; the ids of those that were found."""
+        stages, segment = self._stages, self._segments.current
+        detect_every: float | None = self.config.tracks.detection_interval - TIME_TOLERANCE
+        if segment is not None:
+            # At a state it costs little time: the smoother works meanwhile.
+            at_state = segment.is_state_due(now.time)
+            detect_every = segment.detection_interval - TIME_TOLERANCE if at_state else None
+        expected, rows = predicted(stages, segment, now), row_motion(stages, segment, now)
+        return stages.front_end.process(frame, now.time, expected, detect_every, rows)
+
+    def _carried_on(self, segment: TrajectorySegment, now: FrameTime) -> bool:
+        """Give the segment a state at a frame, if one is due; whether it goes on."""
+        due = segment.is_state_due(now.time)
+        if due or segment.rest.of_state:
+            segment.look(now.time)
+        if not due:
+            return True
+        with self.timings.measured("smoother"):
+            is_added = segment.advance()
+        return not is_added or self._segments.continues(segment, now)

@@ -7,7 +7,7 @@ import numpy as np
 from ideal_tracks import CALIBRATION, MANY, ideal_tracks, start_of
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.config import Config
-from ruledgraph.core.timing import Messages
+from ruledgraph.core.messages import Messages
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.integrity.gauge import GaugeUncertainty
 from ruledgraph.integrity.monitor import IntegrityMonitor

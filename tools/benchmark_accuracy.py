@@ -49,7 +49,7 @@ ABLATION = {
     "without bounded rulings": ("edges.bounded=false",),
     "without robust loss": ("lines.cauchy_scale_px=0",),
     "Hough": ("edges.detector=hough",),
-    "IMU only": ("edges.max_lines=2", "edges.min_length=9999"),
+    "IMU only": ("edges.max_lines=2", "tracks.min_length_px=9999"),
 }
 REAL_SLICE = Path("euroc_MH_01_30s", "MH_01_30s")
 """The real recording in the folder of data, without the suffix of its files."""

@@ -5,7 +5,7 @@
 from pathlib import Path
 
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.core.line_file import write_whole
+from ruledgraph.core.text_file import write_whole
 
 
 def write_ply(path: Path, ends: FloatArray) -> None:

@@ -21,8 +21,8 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import MachineError, RuledgraphError
 from ruledgraph.core.estimates import Estimate, LineEstimate
-from ruledgraph.core.line_file import LineFile, write_whole
 from ruledgraph.core.settings import config_text
+from ruledgraph.core.text_file import AppendOnlyFile, write_whole
 from ruledgraph.core.trajectory import TumWriter, seconds
 
 _AXES = "xyz"
@@ -198,8 +198,8 @@ def _appended(append: Callable[[Any], None], items: Sequence[Any]) -> MachineErr
     return None
 
 
-def _table(path: Path, columns: list[str]) -> tuple[LineFile, Any]:
-    file = LineFile(path)
+def _table(path: Path, columns: list[str]) -> tuple[AppendOnlyFile, Any]:
+    file = AppendOnlyFile(path)
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(columns)
     return file, writer

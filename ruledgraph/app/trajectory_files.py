@@ -11,7 +11,7 @@ import numpy as np
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.context import Closing
 from ruledgraph.core.estimates import Estimate
-from ruledgraph.core.line_file import LineFile
+from ruledgraph.core.text_file import AppendOnlyFile
 from ruledgraph.core.trajectory import seconds
 
 TrajectoryFormat: TypeAlias = Literal["kitti", "euroc"]
@@ -31,8 +31,8 @@ class KittiFiles(Closing):
     """
 
     def __init__(self, folder: Path, name: str) -> None:
-        self._poses = LineFile(folder / f"{name}_kitti.txt")
-        self._times = LineFile(folder / f"{name}_kitti_times.txt")
+        self._poses = AppendOnlyFile(folder / f"{name}_kitti.txt")
+        self._times = AppendOnlyFile(folder / f"{name}_kitti_times.txt")
 
     def append(self, estimate: Estimate) -> None:
         """Write a pose."""
@@ -49,7 +49,7 @@ class EurocFile(Closing):
     """`NAME_euroc.csv`: pose, velocity and biases, as EuRoC's `state_groundtruth_estimate0`."""
 
     def __init__(self, folder: Path, name: str) -> None:
-        self._file = LineFile(folder / f"{name}_euroc.csv")
+        self._file = AppendOnlyFile(folder / f"{name}_euroc.csv")
         self._file.write(f"{_EUROC_COLUMNS}\n")
 
     def append(self, estimate: Estimate) -> None:

@@ -27,7 +27,7 @@ from ruledgraph.core.extrinsics import Extrinsics
 
 
 @dataclass(eq=False)
-class ExtrinsicsState(CameraVariable):
+class ExtrinsicsVariable(CameraVariable):
     """Variable of the camera's pose in the body in the frames of one `window.camera_period`."""
 
     SIZE: ClassVar[int] = 6

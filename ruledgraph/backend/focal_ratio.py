@@ -23,7 +23,7 @@ from ruledgraph.core.focal_ratio import FocalRatio
 
 
 @dataclass(eq=False)
-class FocalRatioState(ScalarVariable):
+class FocalRatioVariable(ScalarVariable):
     """Variable of the focal length in the frames of one `window.camera_period`."""
 
     @property

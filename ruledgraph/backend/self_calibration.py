@@ -7,9 +7,9 @@ from typing import NamedTuple
 import gtsam
 
 from ruledgraph.backend.camera_variable import CameraVariable
-from ruledgraph.backend.extrinsics import ExtrinsicsState
-from ruledgraph.backend.focal_ratio import FocalRatioState
-from ruledgraph.backend.time_offset import TimeOffsetState
+from ruledgraph.backend.extrinsics import ExtrinsicsVariable
+from ruledgraph.backend.focal_ratio import FocalRatioVariable
+from ruledgraph.backend.time_offset import TimeOffsetVariable
 from ruledgraph.core.config import Config
 from ruledgraph.core.extrinsics import Extrinsics
 from ruledgraph.core.focal_ratio import FocalRatio
@@ -21,9 +21,9 @@ class CameraVariables(NamedTuple):
     estimated.
     """
 
-    time_offset: TimeOffsetState | None = None
-    extrinsics: ExtrinsicsState | None = None
-    focal_ratio: FocalRatioState | None = None
+    time_offset: TimeOffsetVariable | None = None
+    extrinsics: ExtrinsicsVariable | None = None
+    focal_ratio: FocalRatioVariable | None = None
 
     @property
     def estimated(self) -> list[CameraVariable]:
@@ -70,21 +70,23 @@ class SelfCalibration(NamedTuple):
         Args:
             index: of the state.
             time: of the state, s.
-            offset_correction: see `TimeOffsetState`.
+            offset_correction: see `TimeOffsetVariable`.
             before: those of the interval before.
             period: the setting `window.camera_period`, s.
         """
         offset, at = self.time_offset, (index, time)
         extrinsics, focal_ratio = before.extrinsics, before.focal_ratio
         if extrinsics is None or time - extrinsics.time >= period:
-            extrinsics = None if self.extrinsics is None else ExtrinsicsState(*at, *self.extrinsics)
+            extrinsics = (
+                None if self.extrinsics is None else ExtrinsicsVariable(*at, *self.extrinsics)
+            )
         if focal_ratio is None or time - focal_ratio.time >= period:
             ratio = self.focal_ratio
-            focal_ratio = None if ratio is None else FocalRatioState(*at, *ratio)
+            focal_ratio = None if ratio is None else FocalRatioVariable(*at, *ratio)
         return CameraVariables(
             None
             if offset is None
-            else TimeOffsetState(
+            else TimeOffsetVariable(
                 *at, offset.value - offset_correction, offset.sigma, offset_correction
             ),
             extrinsics,

@@ -106,13 +106,15 @@ class Interval:
 
     @property
     def residual_offset(self) -> float:
-        """Estimate of T(k), see `TimeOffsetState`: frames are so much later than in `motion`, s."""
+        """Estimate of T(k), see `TimeOffsetVariable`, s: frames are so much later than in
+        `motion`.
+        """
         offset = self.camera.time_offset
         return 0.0 if offset is None else offset.value
 
     @property
     def focal_ratio(self) -> float:
-        """Estimate of F(k), see `FocalRatioState`; 1 when that is not estimated."""
+        """Estimate of F(k), see `FocalRatioVariable`; 1 when that is not estimated."""
         ratio = self.camera.focal_ratio
         return 1.0 if ratio is None else ratio.value
 

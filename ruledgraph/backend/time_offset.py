@@ -25,7 +25,7 @@ from ruledgraph.core.time_offset import TimeOffset
 
 
 @dataclass(eq=False)
-class TimeOffsetState(ScalarVariable):
+class TimeOffsetVariable(ScalarVariable):
     """Variable of the time offset of one interval's frames; `value` is T(k), s."""
 
     offset_correction: float

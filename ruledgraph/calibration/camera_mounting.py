@@ -12,7 +12,7 @@ from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config, ExtrinsicsConfig, IntrinsicsConfig
 from ruledgraph.core.extrinsics import Extrinsics
 from ruledgraph.core.focal_ratio import FocalRatio
-from ruledgraph.core.timing import Messages
+from ruledgraph.core.messages import Messages
 
 # In standard deviations; points are undistorted by few focal lengths, one after another, as those
 # of a window should fit together.

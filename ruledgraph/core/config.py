@@ -157,8 +157,9 @@ class IntegrityConfig(Section):
     and estimate agree."""
     trial_min_stay: float = number(0.5, "", 0.0, 1.0)
     """Share of its lines that must stay in the graph on trial."""
-    span: float = number(1.01, "s", 0.05, 60.0)
-    """Time that is checked: a little over five intervals, so that rounding drops none."""
+    misfit_span: float = number(1.01, "s", 0.05, 60.0)
+    """Time over which lines are compared with their points: a little over five intervals, so that
+    rounding drops none."""
     min_intervals: int = number(5, "", 2, 1000)
     """Fewest intervals between states that are checked."""
     min_observations: int = number(10, "", 1, 10_000)

@@ -14,13 +14,11 @@ class EdgesConfig(Section):
     """Where new lines come from: OpenCV's line segment detector or the paper's Hough transform."""
     points: Literal["maxima", "sobel"] = "maxima"
     """Edge points: maxima of the slope across a ruling, or the paper's thresholded Sobel pixels."""
-    gate: float = number(3.0, "px", 0.5, 50.0)
+    sobel_gate_px: float = number(3.0, "px", 0.5, 50.0)
     """The paper's tau: how far from its predicted ruling a Sobel pixel may lie."""
     max_lines: int = number(60, "", 2, 200)
     """Lines followed at a time, which bounds the time that takes: more than most images hold. Those
     with nets or gravel hold more, of which the longest are followed."""
-    min_length: float = number(20.0, "px", 10.0, 1e4)
-    """Shortest segment that starts a line: as short as a track may become."""
     sigma_px: float = number(1.0, "px", 0.01, 20.0)
     """Standard deviation of an edge point. It counts until the images have shown another one. A
     point alone scatters less, but the points of a line err together, and from frame to frame."""
@@ -125,8 +123,8 @@ class TracksConfig(Section):
     """A line that was not seen for longer is lost with the next miss."""
     search_beyond: float = number(0.06, "", 0.0, 10.0)
     """How far past its ends a line is searched, so that it can grow; share of its length."""
-    min_length_px: float = number(20.0, "px", 1.0, 1e4)
-    """A track whose segment becomes shorter is lost."""
+    min_length_px: float = number(20.0, "px", 10.0, 1e4)
+    """Shortest segment that starts a track; one whose segment becomes shorter is lost."""
     duplicate_distance_px: float = number(5.0, "px", 0.0, 100.0)
     """Two segments closer than this all along may be one line ..."""
     duplicate_cosine: float = number(0.99, "", 0.0, 1.0)

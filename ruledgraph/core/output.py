@@ -5,7 +5,8 @@
 from collections.abc import Iterable
 
 from ruledgraph.core.estimates import Estimate, LineEstimate
-from ruledgraph.core.timing import Messages, Timings
+from ruledgraph.core.messages import Messages
+from ruledgraph.core.timing import Timings
 
 
 class Output:

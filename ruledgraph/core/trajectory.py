@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import RuledgraphError
-from ruledgraph.core.line_file import LineFile
+from ruledgraph.core.text_file import AppendOnlyFile
 from ruledgraph.core.text_table import TableError, read_table
 
 # Printed digits and float32 pass; other columns taken for a quaternion do not.
@@ -136,7 +136,7 @@ class TumWriter(Closing):
         self._last_stamp = -1
         self._last_quaternion = _IDENTITY
         try:
-            self._file = LineFile(self.path)
+            self._file = AppendOnlyFile(self.path)
         except FileExistsError:
             raise TrajectoryError(f"{path}: exists already, choose another name") from None
         except OSError as error:

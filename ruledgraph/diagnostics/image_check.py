@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ruledgraph.core.config import DEFAULTS, EdgesConfig
+from ruledgraph.core.config import DEFAULTS, Config
 from ruledgraph.diagnostics.finding import Finding
 from ruledgraph.frontend.line_detection import DETECTORS
 from ruledgraph.recording.images import Grey
@@ -15,19 +15,18 @@ from ruledgraph.recording.images import Grey
 _MIN_SEGMENTS = 6
 
 
-def examine_image(image: Grey, edges: EdgesConfig = DEFAULTS.edges) -> Iterator[Finding]:
+def examine_image(image: Grey, config: Config = DEFAULTS) -> Iterator[Finding]:
     """One of the first images: straight segments that may become lines, and how bright it is.
 
     Args:
         image: to look at.
-        edges: with this detector, and as long as these settings want them, px.
+        config: with the detector and the least length of these settings.
     """
-    segments = DETECTORS[edges.detector](image)
+    segments = DETECTORS[config.edges.detector](image)
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
-    count = int(np.count_nonzero(lengths >= edges.min_length))
-    text = (
-        f"an image at the beginning has {count} straight edges of {edges.min_length:g} px or more"
-    )
+    least = config.tracks.min_length_px
+    count = int(np.count_nonzero(lengths >= least))
+    text = f"an image at the beginning has {count} straight edges of {least:g} px or more"
     if count >= _MIN_SEGMENTS:
         yield Finding(True, text)
         return

@@ -193,7 +193,7 @@ def inspect_recording(
     noise = calibration.imu_noise if calibration else None
     info.findings = list(examine(seen, noise, config))
     if images.latest is not None:
-        info.findings += examine_image(images.latest, config.edges)
+        info.findings += examine_image(images.latest, config)
     if calibration is None and container.camera_infos:
         found, own = _own_calibration(Recording(open_container(path), camera, imu), imu_noise)
         info.findings.append(found)

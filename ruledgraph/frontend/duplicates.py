@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from ruledgraph.core.config import TracksConfig
 from ruledgraph.frontend.edge_search import normal_of
-from ruledgraph.frontend.track import Segments
+from ruledgraph.frontend.track import LineSegments
 
 
 def duplicates(
-    segments: Segments, own: Segments, focal: float, config: TracksConfig
+    segments: LineSegments, own: LineSegments, focal: float, config: TracksConfig
 ) -> NDArray[np.bool_]:
     """Which of M segments are the same line as which of N own ones, (M, N).
 

@@ -82,7 +82,7 @@ class Edges(NamedTuple):
     lines: FloatArray
     """(N, 2), px."""
     support: FloatArray
-    deviation: FloatArray
+    rms_px: FloatArray
     slopes: FloatArray
     ambiguous: NDArray[np.bool_]
 
@@ -95,7 +95,7 @@ class Edges(NamedTuple):
             statistics=self.statistics[rows],
             lines=self.lines[rows],
             support=self.support[rows],
-            deviation=self.deviation[rows],
+            rms_px=self.rms_px[rows],
             slopes=self.slopes[rows],
             ambiguous=self.ambiguous[rows],
         )
@@ -138,7 +138,7 @@ def stacked(
         statistics=np.zeros((n, 3, 3)),
         lines=np.zeros((n, 2)),
         support=np.zeros(n),
-        deviation=np.zeros(n),
+        rms_px=np.zeros(n),
         slopes=np.zeros(n),
         ambiguous=np.zeros(n, np.bool_),
     )
@@ -147,7 +147,7 @@ def stacked(
             edges.counts[i], edges.lines[i] = len(edge.points), edge.line
             edges.ends[i] = moved_ends(rulings.ends[i], edge.points, config.end_growth)
             edges.statistics[i] = GeometricPoints.from_frames([edge.points]).statistics[0]
-            edges.support[i], edges.deviation[i] = edge.support, edge.deviation
+            edges.support[i], edges.rms_px[i] = edge.support, edge.rms_px
             edges.slopes[i], edges.ambiguous[i] = edge.slope, edge.ambiguous
     return edges
 

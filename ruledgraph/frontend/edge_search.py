@@ -45,7 +45,7 @@ class EdgePoints(NamedTuple):
     goes from 0 at its first end to 1 at its second."""
     support: float
     """Share of the stations that have a point."""
-    deviation: float
+    rms_px: float
     """Root mean square distance from the straight line through them, px."""
     slope: float
     """Median slope across the edge, signed."""
@@ -145,7 +145,7 @@ def search(
         points=found,
         line=(a, b),
         support=len(chosen) / len(along),
-        deviation=deviation,
+        rms_px=deviation,
         slope=float(np.copysign(np.median(height[chosen]), ruling.slope)),
         ambiguous=ambiguous,
     )

@@ -43,7 +43,7 @@ def search_sobel(
         ruling: the prediction; its uncertainty and polarity are not used.
         config: tau (`gate`), and how many points are a line.
     """
-    gate, fewest = config.gate, config.min_points
+    gate, fewest = config.sobel_gate_px, config.min_points
     along_px = camera.distort(ruling.ends).pixels
     length = float(np.linalg.norm(along_px[1] - along_px[0]))
     if not (fewest <= length < 4.0 * (camera.width + camera.height)):
@@ -82,7 +82,7 @@ def search_sobel(
         points=points,
         line=(a, b),
         support=support,
-        deviation=float(np.sqrt(np.mean((middles - a - b * positions[seen]) ** 2))),
+        rms_px=float(np.sqrt(np.mean((middles - a - b * positions[seen]) ** 2))),
         slope=ruling.slope,
         ambiguous=False,
     )

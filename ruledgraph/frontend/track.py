@@ -67,7 +67,7 @@ class Track:
         self.misses = self.config.max_misses + 1
 
 
-class Segments(NamedTuple):
+class LineSegments(NamedTuple):
     """N segments in an image."""
 
     ends: FloatArray
@@ -76,7 +76,7 @@ class Segments(NamedTuple):
     """Grey level slopes across them, signed, (N,)."""
 
     @classmethod
-    def of(cls, tracks: Sequence[Track]) -> "Segments":
+    def of(cls, tracks: Sequence[Track]) -> "LineSegments":
         """Of tracks in the last frame."""
         ends = np.array([track.ends for track in tracks]).reshape(-1, 2, 2)
         return cls(ends, np.array([track.slope for track in tracks]))

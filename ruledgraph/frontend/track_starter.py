@@ -16,7 +16,7 @@ from ruledgraph.frontend.field_of_view import within_reach
 from ruledgraph.frontend.gradient import Gradient
 from ruledgraph.frontend.rolling_edges import keep_unsettled, straight_edges
 from ruledgraph.frontend.row_motion import MovingRulings, RowMotion, StraightPoints
-from ruledgraph.frontend.track import Segments, Track
+from ruledgraph.frontend.track import LineSegments, Track
 
 
 class TrackStarter:
@@ -59,7 +59,7 @@ class TrackStarter:
         Returns:
             The tracks and the edge points of each.
         """
-        own = Segments.of(tracks)
+        own = LineSegments.of(tracks)
         candidates = self._candidates(segments, gradient, own, rows)
         searched, moving = candidates, None
         if rows is not None:
@@ -71,17 +71,17 @@ class TrackStarter:
         # Seen well enough to be followed.
         full = (
             (edges.counts > 0)
-            & (edges.deviation <= self._max_rms)
+            & (edges.rms_px <= self._max_rms)
             & (edges.support >= self._config.start_support)
         )
         edges, points = edges.part(full), list[StraightPoints]()
         if moving is not None:
             moving = moving.part(full)
             edges, points = straight_edges(edges, moving, self._edges.end_growth)
-        found = Segments(edges.ends, edges.slopes)
+        found = LineSegments(edges.ends, edges.slopes)
         new = np.flatnonzero(~np.any(self._duplicates(found, own), axis=1))
         # Two candidates may be one line as well.
-        found = Segments(edges.ends[new], edges.slopes[new])
+        found = LineSegments(edges.ends[new], edges.slopes[new])
         wanted = self._edges.max_lines - len(tracks)
         chosen = new[first_of_duplicates(self._duplicates(found, found))[:wanted]]
         kept = np.zeros(len(edges.ends), dtype=bool)
@@ -108,11 +108,11 @@ class TrackStarter:
         )
 
     def _candidates(
-        self, segments: FloatArray, gradient: Gradient, own: Segments, rows: RowMotion | None
+        self, segments: FloatArray, gradient: Gradient, own: LineSegments, rows: RowMotion | None
     ) -> Rulings:
         """Segments that are long enough and not followed yet, those worth most first."""
         along = segments[:, 1] - segments[:, 0]
-        segments = segments[np.hypot(along[:, 0], along[:, 1]) > self._edges.min_length]
+        segments = segments[np.hypot(along[:, 0], along[:, 1]) > self._config.min_length_px]
         ends = self.camera.undistort(segments.reshape(-1, 2)).reshape(-1, 2, 2)
         seen = within_reach(ends).all(axis=1)
         segments, ends = segments[seen], ends[seen]
@@ -124,11 +124,11 @@ class TrackStarter:
         across = np.stack([-along[:, 1], along[:, 0]], axis=1) / lengths[:, None]
         stations = segments[:, :1] + np.linspace(0.1, 0.9, 15)[:, None] * along[:, None]
         slopes = np.median(gradient.along(stations, across[:, None]), axis=1).astype(np.float64)
-        new = ~np.any(self._duplicates(Segments(ends, slopes), own), axis=1)
+        new = ~np.any(self._duplicates(LineSegments(ends, slopes), own), axis=1)
         order = np.argsort(-lengths / self._crowding(segments, own))
         return Rulings(ends, np.ones((len(ends), 2)), slopes).part(order[new[order]])
 
-    def _crowding(self, segments: FloatArray, own: Segments) -> FloatArray:
+    def _crowding(self, segments: FloatArray, own: LineSegments) -> FloatArray:
         """1 at a position without tracks, more where there are some already."""
         if not len(own.ends) or not len(segments):
             return np.ones(len(segments))
@@ -140,5 +140,5 @@ class TrackStarter:
         near = np.exp(-((near / self._config.crowding_radius) ** 2))
         return np.asarray(1.0 + self._config.crowding_weight * np.sum(near, axis=1))
 
-    def _duplicates(self, segments: Segments, own: Segments) -> NDArray[np.bool_]:
+    def _duplicates(self, segments: LineSegments, own: LineSegments) -> NDArray[np.bool_]:
         return duplicates(segments, own, self.camera.focal_length, self._config)

@@ -33,7 +33,7 @@ from ruledgraph.frontend.rolling_edges import (
 )
 from ruledgraph.frontend.row_motion import RowMotion
 from ruledgraph.frontend.sobel import search_sobel, sobel_points
-from ruledgraph.frontend.track import Segments, Track
+from ruledgraph.frontend.track import LineSegments, Track
 from ruledgraph.frontend.track_starter import TrackStarter
 
 # How far past its ends an unbounded line is searched, as a share of its length: across any image.
@@ -89,7 +89,7 @@ class Tracker:
             edges = self._search(gradient, rulings._replace(ends=bent, bows=bows))
         else:
             edges = self._search(gradient, rulings)
-        good = (edges.counts > 0) & ~edges.ambiguous & (edges.deviation <= self._max_rms)
+        good = (edges.counts > 0) & ~edges.ambiguous & (edges.rms_px <= self._max_rms)
         found = in_view.copy()
         found[in_view] = good
         seen = []
@@ -210,7 +210,7 @@ class Tracker:
     def drop_duplicates(self) -> None:
         """Of tracks that have come to follow the same line forget all but the oldest."""
         tracks = sorted(self.tracks, key=lambda track: track.first_time)
-        own = Segments.of(tracks)
+        own = LineSegments.of(tracks)
         same = duplicates(own, own, self.camera.focal_length, self._config)
         self.tracks = [tracks[i] for i in first_of_duplicates(same)]
 

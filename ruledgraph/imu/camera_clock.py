@@ -5,8 +5,8 @@
 import numpy as np
 
 from ruledgraph.core.config import TimeOffsetConfig
+from ruledgraph.core.messages import Messages
 from ruledgraph.core.time_offset import TimeOffset
-from ruledgraph.core.timing import Messages
 from ruledgraph.imu.synchronizer import Synchronizer
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from ruledgraph.core.measurements import STAMP_JITTER
 from ruledgraph.imu.buffer import ImuBuffer
 
-EARLY = STAMP_JITTER * 1e-9
+TIME_TOLERANCE = STAMP_JITTER * 1e-9
 """Frames at intervals are on time when they come this much early, s."""
 
 
@@ -57,11 +57,11 @@ class FrameHistory:
 
     def since(self, time: float) -> list[FrameTime]:
         """Those from about a time (s) on."""
-        return [frame for frame in self._frames if frame.time >= time - EARLY]
+        return [frame for frame in self._frames if frame.time >= time - TIME_TOLERANCE]
 
     def at(self, time: float) -> FrameTime | None:
         """The last one until about a time, s."""
-        before = [frame for frame in self._frames if frame.time <= time + EARLY]
+        before = [frame for frame in self._frames if frame.time <= time + TIME_TOLERANCE]
         return before[-1] if before else None
 
     def retime(self, change: float, imu: ImuBuffer) -> None:

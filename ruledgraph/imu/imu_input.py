@@ -7,7 +7,7 @@ import numpy as np
 from ruledgraph.core.config import ImuConfig
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import MAX_IMU_GAP, Gap, ImuSample
-from ruledgraph.core.timing import Messages
+from ruledgraph.core.messages import Messages
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.faults import Reading, SpikeFilter
 

@@ -12,8 +12,8 @@ import numpy as np
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import DEFAULTS, ImuConfig
 from ruledgraph.core.measurements import MAX_IMU_GAP, Frame, Gap, ImuSample
+from ruledgraph.core.messages import Messages
 from ruledgraph.core.stamps import CLOSEST_SAMPLES, StampUnit
-from ruledgraph.core.timing import Messages
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.frame_history import FrameHistory, FrameTime
 from ruledgraph.imu.image_input import ImageInput
@@ -180,7 +180,8 @@ def _silence(imu: ImuBuffer, ahead: float, config: ImuConfig) -> str:
         return f"no IMU samples came in {ahead:.1f} s: images wait for them"
     if imu.frozen_for > config.max_sample_interval:
         return (
-            f"the IMU is frozen since {imu.latest:.2f} s: it repeats one reading, which is not used"
+            f"the IMU has been frozen since {imu.latest:.2f} s: it repeats one reading, which is "
+            "not used"
         )
     if ahead > _UNRELATED:
         return (
@@ -192,4 +193,4 @@ def _silence(imu: ImuBuffer, ahead: float, config: ImuConfig) -> str:
 
 def _late(time: float) -> tuple[str, str]:
     """Kind and text of a warning."""
-    return "late", f"a frame at {time:.2f} s came after a later one: such are not used"
+    return "late", f"a frame at {time:.2f} s came after a later one: out of order, dropped"

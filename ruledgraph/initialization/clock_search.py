@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.core.config import Config
+from ruledgraph.core.messages import Messages
 from ruledgraph.core.time_offset import TimeOffset
-from ruledgraph.core.timing import Messages
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.initialization.clock_offset import ClockOffset, ClockOffsetFinder, covered
 from ruledgraph.initialization.mounting_check import check_mounting
@@ -113,8 +113,8 @@ class ClockSearch:
             return None
         self.used = True
         self._warnings.append(
-            f"t_imu - t_cam = {1e3 * found.value:.1f} ± {1e3 * found.sigma:.1f} ms by how images "
-            f"turn against the gyroscope, not {1e3 * known.value:.1f} ms: correct timeshift_cam_imu"
+            f"t_imu - t_cam = {1e3 * found.value:.1f} ± {1e3 * found.sigma:.1f} ms from image "
+            f"rotation and gyroscope, not {1e3 * known.value:.1f} ms: correct timeshift_cam_imu"
         )
         return TimeOffset(found.value, found.sigma)
 

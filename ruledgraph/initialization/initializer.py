@@ -9,9 +9,9 @@ import numpy as np
 from ruledgraph.backend.start import Start
 from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.core.config import Config
-from ruledgraph.core.timing import Messages
+from ruledgraph.core.messages import Messages
 from ruledgraph.frontend.front_end import FrontEnd
-from ruledgraph.imu.frame_history import EARLY, FrameTime
+from ruledgraph.imu.frame_history import TIME_TOLERANCE, FrameTime
 from ruledgraph.imu.synchronizer import Synchronizer
 from ruledgraph.initialization.at_rest import start_at_rest
 from ruledgraph.initialization.clock_search import ClockSearch
@@ -65,7 +65,7 @@ class Initializer:
 
     def is_due(self, time: float) -> bool:
         """Whether it is time for another attempt, s."""
-        return time - self._last_attempt >= self._config.start.between_attempts - EARLY
+        return time - self._last_attempt >= self._config.start.between_attempts - TIME_TOLERANCE
 
     @property
     def _config(self) -> Config:
@@ -122,10 +122,10 @@ class Initializer:
         imu, frames = self._sensors.imu, self._sensors.frames
         available = now.time - frames.first.time
         shortest = min(self._config.start.shortest, longest)
-        if available < shortest - EARLY:
+        if available < shortest - TIME_TOLERANCE:
             return None
         longest = min(longest, available)
-        differ = longest - shortest >= self._config.start.between_attempts - EARLY
+        differ = longest - shortest >= self._config.start.between_attempts - TIME_TOLERANCE
         refusal: Refusal | None = None
         for length in (longest, shortest) if differ else (longest,):
             if imu.interrupted(now.time - length, now.time):

@@ -58,14 +58,14 @@ class MountingCheck(NamedTuple):
         """What to say of either."""
         if self.is_mirrored:
             return (
-                f"points miss the gyroscope's turning by {self.error:.2g} px, and by "
+                f"image points disagree with the gyroscope by {self.error:.2g} px, and by "
                 f"{self.mirrored:.2g} px if it turned the other way: are its axes right-handed, as "
                 "x forward, y left, z up, and its rates counter-clockwise?"
             )
         return (
-            f"points miss the gyroscope's turning by {self.error:.2g} px, and by {self.other:.2g} "
-            f"px with the rotation {self._rows} in T_cam_imu: is that the right way round, and of "
-            "this camera? (--set extrinsics.from_images=true takes this rotation)"
+            f"T_cam_imu looks wrong: image points disagree with the gyroscope by {self.error:.2g} "
+            f"px, by {self.other:.2g} px with the rotation {self._rows} "
+            "(--set extrinsics.from_images=true uses it)"
         )
 
     @property

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ruledgraph.calibration.camera_mounting import CameraMounting
-from ruledgraph.core.timing import Messages
+from ruledgraph.core.messages import Messages
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.initialization.clock_offset import ClockOffsetFinder, covered
 from ruledgraph.initialization.readout import ReadoutEstimate, estimated_readout
@@ -113,9 +113,9 @@ class ReadoutSearch:
             self._mounting.set_readout(readout.value)
             self._warnings.once(
                 "rolling shutter",
-                f"rows are read within {1e3 * readout.value:.0f} ± {1e3 * readout.sigma:.0f} ms, "
-                "by how images and gyroscope turn: a rolling shutter of which the calibration says "
-                f"nothing: --readout {readout.value:.3f}, or 0 for a global shutter",
+                f"rolling shutter: readout {1e3 * readout.value:.0f} ± {1e3 * readout.sigma:.0f} "
+                "ms from image rotation and gyroscope, not in the calibration: pass "
+                f"--readout {readout.value:.3f}, or 0 for a global shutter",
             )
         elif self.found is not None:
             self.found = None

@@ -9,7 +9,7 @@ from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import Interval
 from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Innovation
-from ruledgraph.core.timing import Messages
+from ruledgraph.core.messages import Messages
 from ruledgraph.integrity.variance_factor import VarianceFactor
 
 
@@ -110,5 +110,5 @@ def misfit_share(window: Window, config: IntegrityConfig) -> float | None:
 def _last(
     intervals: Sequence[Interval], window: Window, config: IntegrityConfig
 ) -> Sequence[Interval]:
-    recent = sum(i.node.time >= window.newest.time - config.span for i in intervals)
+    recent = sum(i.node.time >= window.newest.time - config.misfit_span for i in intervals)
     return intervals[-max(recent, config.min_intervals) :]

@@ -23,7 +23,7 @@ from ruledgraph.backend.states import StateNode
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Covariances, Innovation, Status
-from ruledgraph.core.timing import Messages
+from ruledgraph.core.messages import Messages
 from ruledgraph.integrity.contradictions import ImuCheck, LineCheck
 from ruledgraph.integrity.gauge import UP, GaugeUncertainty
 from ruledgraph.integrity.parallel_lines import ParallelLines

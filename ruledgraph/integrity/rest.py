@@ -10,7 +10,7 @@ from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import RestConfig
 from ruledgraph.frontend.image_motion import image_motion
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.imu.frame_history import EARLY, FrameHistory
+from ruledgraph.imu.frame_history import TIME_TOLERANCE, FrameHistory
 from ruledgraph.imu.rest import imu_rests
 
 
@@ -32,7 +32,7 @@ class RestDetector:
         config: RestConfig,
     ) -> None:
         self._config = config
-        self._span = config.duration - EARLY
+        self._span = config.duration - TIME_TOLERANCE
         self._imu = imu
         self._frames = frames
         self._lines_moved = lines_moved

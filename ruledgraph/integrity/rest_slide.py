@@ -5,7 +5,7 @@
 import numpy as np
 
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.core.timing import Messages
+from ruledgraph.core.messages import Messages
 
 
 class RestSlide:

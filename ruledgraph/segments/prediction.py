@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What is known of a frame before it is looked at."""
 
-from collections.abc import Iterable
-
 from ruledgraph.frontend.front_end import Predicted
 from ruledgraph.frontend.ruling_prediction import CameraMotion
 from ruledgraph.imu.frame_history import FrameTime
@@ -35,11 +33,6 @@ def predicted(
     R = world_T_cam.between(world_T_before).rotation().matrix()
     motion = CameraMotion(R, elapsed, world_T_before, world_T_cam, focal_ratio(stages, segment))
     return Predicted(motion, segment.predicted_lines(now.time))
-
-
-def count_in_graph(segment: TrajectorySegment | None, ids: Iterable[int]) -> int:
-    """How many of these lines are in the segment's graph; 0 without a segment."""
-    return 0 if segment is None else sum(id_ in segment.window.lines for id_ in ids)
 
 
 def focal_ratio(stages: Stages, segment: TrajectorySegment | None) -> float:

@@ -93,13 +93,13 @@ class EstimateReporter:
         covariances: Covariances,
         status: Status,
         lines: int,
-        at_state: bool,
         time_offset: TimeOffset,
     ) -> Estimate:
         """The estimate of the latest frame, whose state has these covariances, and this status
         but for them.
         """
         node = window.newest
+        at_state = frame.time == node.time
         pose, velocity = self._at_stamp(state, node.bias, frame.time)
         estimate = Estimate(
             stamp=frame.stamp,

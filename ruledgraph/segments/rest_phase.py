@@ -11,7 +11,7 @@ import numpy as np
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Covariances
-from ruledgraph.imu.frame_history import EARLY
+from ruledgraph.imu.frame_history import TIME_TOLERANCE
 from ruledgraph.integrity.rest import RestDetector
 from ruledgraph.integrity.unmoved_lines import log_odds_of_rest
 
@@ -79,7 +79,7 @@ class RestPhase:
             self.goes_on = False
         else:
             says = self._lines_say(window, state, body_T_cam)
-            ends = last or time - window.newest.time > self._longest_undecided - EARLY
+            ends = last or time - window.newest.time > self._longest_undecided - TIME_TOLERANCE
             self.goes_on = says == "rest" and (still or ends)
             self.is_undecided = not (self.goes_on or ends or says == "motion")
 
@@ -132,7 +132,7 @@ class RestPhase:
 
     def is_idle(self, window: Window, time: float, state: gtsam.NavState) -> bool:
         """Whether there is nothing to solve for at a time (s) of rest, with a state by the IMU."""
-        recent = time - window.solved < self.interval - EARLY
+        recent = time - window.solved < self.interval - TIME_TOLERANCE
         moved = state.position() - window.newest.state.position()
         return recent and self._detector.is_unmoved(window.solved, moved)
 

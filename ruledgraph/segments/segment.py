@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A trajectory segment: from a start until the end of the recording, a gap or a failure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import gtsam
 import numpy as np
@@ -13,7 +13,7 @@ from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Status, blocks
 from ruledgraph.core.line_observations import LinePrediction
-from ruledgraph.imu.frame_history import EARLY, FrameTime
+from ruledgraph.imu.frame_history import TIME_TOLERANCE, FrameTime
 from ruledgraph.imu.propagation import ImuPropagator, turn_bound
 from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState
 from ruledgraph.integrity.monitor import IntegrityMonitor
@@ -88,7 +88,7 @@ class TrajectorySegment:
     def is_state_due(self, time: float) -> bool:
         """Whether a frame at a time (s) gets a state."""
         elapsed = time - self.window.newest.time
-        is_late = elapsed >= self._config.window.state_interval - EARLY
+        is_late = elapsed >= self._config.window.state_interval - TIME_TOLERANCE
         return is_late or turn_bound(self._stages.sensors.imu, self.window.newest, time) > _MAX_TURN
 
     @property
@@ -177,8 +177,9 @@ class TrajectorySegment:
             return "most lines do not fit the estimate"
         return "" if self.window.is_plausible() else "the estimate diverged"
 
-    def report(self, frame: FrameTime, lines: int, at_state: bool) -> Status:
-        """Hand out the live estimate of a frame in which so many lines of the graph were seen."""
+    def report(self, frame: FrameTime, found: Collection[int]) -> Status:
+        """Hand out the live estimate of a frame in which the tracks with these ids were found."""
+        lines = sum(id_ in self.window.lines for id_ in found)
         window, offset = self.window, self._stages.clock.offset
         of_window = blocks(self._propagator.covariance(window.newest, frame.time))
         by_imu = self.monitor.covariances(of_window, self.state.pose(), self.state.velocity())
@@ -186,7 +187,7 @@ class TrajectorySegment:
         pose, velocity = self.state.pose(), self.state.velocity()
         status = self._status(frame.time, lines)
         estimate = self._reporter.live(
-            window, frame, self.state, covariances, status, lines, at_state, offset
+            window, frame, self.state, covariances, status, lines, offset
         )
         if self.confirmed and not self.monitor.lines_misfit:  # else it may be lost since then
             self.last_reliable = ReliableState(frame.time, pose, velocity, estimate.covariances)

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.figure_style import save_figure
-from ruledgraph.core.line_file import write_whole
 from ruledgraph.core.measurements import Frame
+from ruledgraph.core.text_file import write_whole
 from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.odometry import Odometry
 from ruledgraph.visualization.innovation_figure import innovation_figure

@@ -162,7 +162,7 @@ def test_a_readout_of_which_the_calibration_says_nothing(readout: float) -> None
     odometry, live, _ = run(stream, unknown)
     ignoring, plain, _ = run(stream, unknown.with_readout(0.0))
     found = odometry.clock_search.readout.found
-    told = [w for w in map(str, odometry.warnings) if "rows are read within" in w]
+    told = [w for w in map(str, odometry.warnings) if "rolling shutter: readout" in w]
     assert ignoring.clock_search.readout.found is None
     if not readout:
         assert found is None

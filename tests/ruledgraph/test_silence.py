@@ -76,7 +76,7 @@ def test_an_imu_that_stops_is_reported_and_memory_stays_flat(imu):
     # An image has 77 kB: all that come in the 12 s would be 30 MB.
     assert memory_after(odometry, goes_on(stop, 20.0, imu), 8.0) < 1_000_000
     assert odometry.status == "waiting for IMU"
-    text = "no IMU samples since" if imu == "dead" else "the IMU is frozen since"
+    text = "no IMU samples since" if imu == "dead" else "the IMU has been frozen since"
     assert sum(text in warning for warning in odometry.warnings) == 1
     assert sum("images are dropped" in warning for warning in odometry.warnings) == 1
 
@@ -145,7 +145,7 @@ def test_a_frozen_imu_from_the_beginning():
     for m in goes_on(0, 6.0, "frozen"):
         odometry.add(m)
     assert odometry.status == "waiting for IMU"
-    assert any("the IMU is frozen since" in warning for warning in odometry.warnings)
+    assert any("the IMU has been frozen since" in warning for warning in odometry.warnings)
 
 
 def test_a_noiseless_imu_at_rest_is_not_frozen():

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from ruledgraph.core import figure_style as style
-from ruledgraph.core.line_file import write_whole
+from ruledgraph.core.text_file import write_whole
 from ruledgraph.core.versions import version_text
 from ruledgraph.visualization.report.page import environment
 from ruledgraph.visualization.report.pictures import Picture, drawn

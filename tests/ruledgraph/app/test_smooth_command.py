@@ -240,7 +240,7 @@ def test_the_readmes_python_runs(recording, tmp_path, monkeypatch, capsys):
 def test_without_an_estimate_it_failed_and_says_why(recording, tmp_path):
     """From motion, without lines that are long enough."""
     arguments = ("--calibration", recording / "calib.yaml", "--start", 1.5, "--duration", 1.5)
-    arguments += ("--set", "edges.min_length=9000")
+    arguments += ("--set", "tracks.min_length_px=9000")
     result = smooth(recording / "small.bag", *arguments, "--output", tmp_path / "out")
     assert result.exit_code == 3, result.output
     assert "failed: no frame could be estimated" in result.output

@@ -15,7 +15,7 @@ from ruledgraph.backend.sliding_window import Window
 from ruledgraph.calibration.camera_mounting import CameraMounting, mounting_warning
 from ruledgraph.core.config import Config, ExtrinsicsConfig
 from ruledgraph.core.extrinsics import Extrinsics
-from ruledgraph.core.timing import Messages
+from ruledgraph.core.messages import Messages
 from simulated_window import hand_held
 
 TRUE = CALIBRATION.body_T_cam

@@ -13,7 +13,7 @@ from ruledgraph.backend.sliding_window import Window
 from ruledgraph.calibration.camera_mounting import CameraMounting, focal_warning
 from ruledgraph.core.config import Config, IntrinsicsConfig
 from ruledgraph.core.focal_ratio import FocalRatio
-from ruledgraph.core.timing import Messages
+from ruledgraph.core.messages import Messages
 from simulated_window import hand_held
 
 DEFAULTS = IntrinsicsConfig()

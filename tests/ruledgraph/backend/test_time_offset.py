@@ -15,9 +15,9 @@ from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Gap, Measurement
+from ruledgraph.core.messages import Messages
 from ruledgraph.core.settings import load_config
 from ruledgraph.core.time_offset import TimeOffset
-from ruledgraph.core.timing import Messages
 from ruledgraph.evaluation import alignment
 from ruledgraph.imu.camera_clock import CameraClock, corrected_offset, offset_warning
 from ruledgraph.odometry import Odometry

@@ -70,7 +70,7 @@ def test_a_value_of_the_file_that_is_wrong_is_named_with_the_file(tmp_path):
         ("window.lag=0.01", "--set window.lag: must lie in 0.04 to 60 s"),
         ("window.lag=0.7", "window.lag must hold 4 times window.state_interval"),
         ("tracks.min_track_age=4.5", "window.lag must exceed tracks.min_track_age"),
-        ("edges.min_length=1", "--set edges.min_length: must lie in 10 to 10,000 px"),
+        ("tracks.min_length_px=1", "--set tracks.min_length_px: must lie in 10 to 10,000 px"),
         ("window.updates=-1", "--set window.updates: must lie in 0 to 20"),
         ("window", "--set window: write section.key=value"),
     ],

@@ -4,7 +4,8 @@
 import numpy as np
 import pytest
 
-from ruledgraph.core.timing import Messages, Timing
+from ruledgraph.core.messages import Messages
+from ruledgraph.core.timing import Timing
 
 
 def test_a_million_durations_are_few_numbers():

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from ruledgraph.core.config import EdgesConfig
+from ruledgraph.core.config import Config, TracksConfig
 from ruledgraph.core.measurements import Frame
 from ruledgraph.diagnostics.image_check import examine_image
 from small_simulation import small_stream
@@ -24,6 +24,6 @@ def test_an_image_without_edges_is_found(light, good):
 def test_edges_are_counted_as_the_settings_say(min_length, good):
     stream, _ = small_stream(duration=1.0)
     image = next(m.image for m in stream if isinstance(m, Frame))
-    (finding,) = examine_image(image, EdgesConfig(min_length=min_length))
+    (finding,) = examine_image(image, Config(tracks=TracksConfig(min_length_px=min_length)))
     assert finding.good == good
     assert f"straight edges of {min_length:g} px or more" in finding.text

@@ -38,7 +38,7 @@ def test_every_line_has_its_own_row(both):
         np.testing.assert_array_equal(points[i], one_by_one[i].points)
         assert tuple(edges.lines[i]) == one_by_one[i].line
         assert edges.support[i] == one_by_one[i].support
-        assert edges.deviation[i] == one_by_one[i].deviation
+        assert edges.rms_px[i] == one_by_one[i].rms_px
         assert edges.slopes[i] == one_by_one[i].slope
         C = GeometricPoints.from_frames([points[i]]).statistics[0]
         np.testing.assert_allclose(edges.statistics[i].T @ edges.statistics[i], C.T @ C, atol=1e-12)

@@ -107,7 +107,7 @@ def assert_same(native: Edges, numpy: Edges) -> None:
     np.testing.assert_allclose(*squared, rtol=0.0, atol=100 * POINTS)
     np.testing.assert_array_equal(native.support, numpy.support)
     np.testing.assert_array_equal(native.ambiguous, numpy.ambiguous)
-    for name in ("lines", "deviation", "slopes"):
+    for name in ("lines", "rms_px", "slopes"):
         mine, other = getattr(native, name), getattr(numpy, name)
         np.testing.assert_allclose(mine, other, rtol=0.0, atol=1e-6, err_msg=name)
     for mine, other in zip(native, numpy, strict=True):
@@ -165,7 +165,7 @@ def test_a_bent_edge_is_found_along_its_parabola() -> None:
     bent = straight._replace(bows=np.array([[3.0 / camera.fx, 0.0]]))
     edges = search_all(Gradient(image), camera, bent)
     assert edges.support[0] > 0.95
-    assert edges.deviation[0] < 0.05
+    assert edges.rms_px[0] < 0.05
     np.testing.assert_allclose(edges.lines[0], 0.0, atol=0.1)
     pixels = camera.distort(edges.points).pixels
     np.testing.assert_allclose(

@@ -154,7 +154,7 @@ def edges_of(points: np.ndarray, a: float, b: float) -> Edges:
         statistics=np.zeros((1, 3, 3)),
         lines=np.array([[a, b]]),
         support=one,
-        deviation=0.0 * one,
+        rms_px=0.0 * one,
         slopes=20.0 * one,
         ambiguous=np.zeros(1, dtype=bool),
     )

@@ -7,8 +7,8 @@ import pytest
 
 from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.core.config import Config
+from ruledgraph.core.messages import Messages
 from ruledgraph.core.time_offset import TimeOffset
-from ruledgraph.core.timing import Messages
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.initialization.clock_offset import ClockOffset, ClockOffsetFinder
 from ruledgraph.initialization.clock_search import ClockSearch

@@ -10,7 +10,7 @@ import pytest
 
 from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.core.config import DEFAULTS
-from ruledgraph.core.timing import Messages
+from ruledgraph.core.messages import Messages
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.initialization import readout_search
 from ruledgraph.initialization.image_rotation import PointPairs
@@ -72,7 +72,7 @@ def test_the_first_images_are_used_and_then_the_mean(monkeypatch):
     used, search, warnings, looks = searched(monkeypatch, found, counts=[40, 40])
     assert used == pytest.approx([0.020, 0.025])
     assert search.found == pytest.approx((0.025, 0.005 / np.sqrt(2)))
-    assert [w for w in map(str, warnings) if "rows are read within 20 ± 5 ms" in w] == list(
+    assert [w for w in map(str, warnings) if "rolling shutter: readout 20 ± 5 ms" in w] == list(
         map(str, warnings)
     )
     assert looks.as_global == [True, True]

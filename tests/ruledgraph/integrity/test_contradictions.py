@@ -6,7 +6,7 @@ import pytest
 
 from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Innovation
-from ruledgraph.core.timing import Messages
+from ruledgraph.core.messages import Messages
 from ruledgraph.integrity.contradictions import ImuCheck
 from ruledgraph.integrity.variance_factor import VarianceFactor
 

@@ -13,7 +13,7 @@ from ruledgraph.backend.bias_jump import JumpTest
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Innovation
-from ruledgraph.core.timing import Messages
+from ruledgraph.core.messages import Messages
 from ruledgraph.integrity.gauge import GaugeUncertainty
 from ruledgraph.integrity.monitor import IntegrityMonitor
 from ruledgraph.integrity.parallel_lines import ParallelLines

@@ -10,7 +10,7 @@ from scipy.stats import f as f_ratio
 from monitored_window import monitored_window
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Innovation
-from ruledgraph.core.timing import Messages
+from ruledgraph.core.messages import Messages
 from ruledgraph.integrity.gauge import GaugeUncertainty
 from ruledgraph.integrity.monitor import IntegrityMonitor
 

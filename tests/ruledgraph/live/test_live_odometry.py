@@ -184,7 +184,7 @@ def test_a_frozen_imu_is_waited_for_and_memory_is_bounded(caplog):
         )
         assert until(lambda: live.status == "waiting for IMU")
         assert until(lambda: live.waiting == 0)  # passed on, where they do not pile up
-    assert "the IMU is frozen since" in caplog.text
+    assert "the IMU has been frozen since" in caplog.text
 
 
 def test_samples_with_nan_are_left_out_with_one_warning(caplog):

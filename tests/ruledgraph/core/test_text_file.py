@@ -8,7 +8,7 @@ import signal
 import pytest
 
 from ruledgraph.core.errors import MachineError
-from ruledgraph.core.line_file import LineFile, write_whole
+from ruledgraph.core.text_file import AppendOnlyFile, write_whole
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def few_bytes():
 @pytest.mark.usefixtures("few_bytes")
 def test_a_line_that_does_not_fit_leaves_the_others(tmp_path):
     path = tmp_path / "lines.txt"
-    with LineFile(path) as file:
+    with AppendOnlyFile(path) as file:
         for _ in range(9):
             file.write("0123456789\n")
         with pytest.raises(MachineError, match=r"lines\.txt: cannot be written: File too large"):
@@ -37,7 +37,7 @@ def test_a_line_that_does_not_fit_leaves_the_others(tmp_path):
 
 def test_what_is_written_is_there_at_once(tmp_path):
     path = tmp_path / "lines.txt"
-    file = LineFile(path)
+    file = AppendOnlyFile(path)
     file.write("one\n")
     assert path.read_text() == "one\n"
     file.close()
@@ -48,7 +48,7 @@ def test_an_existing_file_is_not_touched(tmp_path):
     path = tmp_path / "lines.txt"
     path.write_text("mine")
     with pytest.raises(FileExistsError):
-        LineFile(path)
+        AppendOnlyFile(path)
     assert path.read_text() == "mine"
 
 

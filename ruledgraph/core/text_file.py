@@ -9,7 +9,7 @@ from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import MachineError
 
 
-class LineFile(Closing):
+class AppendOnlyFile(Closing):
     """A new file that is written line by line, each on disk at once and whole.
 
     Raises:
