@@ -216,4 +216,4 @@ class Odometry(Output):
             return True
         with self.timings.measured("smoother"):
             is_added = segment.advance()
-        return not is_added or self._segments.continues(segment, now)
+        return not is_added or self._segments.settle(segment, now)

@@ -12,10 +12,10 @@ from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.imu.propagation import turn_bound
 from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.initializer import Initializer
-from ruledgraph.initialization.trial import Trial
 from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState, continued
 from ruledgraph.segments.segment import TrajectorySegment
 from ruledgraph.segments.stages import Stages
+from ruledgraph.segments.trial import Trial
 
 
 class SegmentSequence:
@@ -91,19 +91,19 @@ class SegmentSequence:
             self._trial = Trial(start, now.time, self._config)
         return True
 
-    def continues(self, segment: TrajectorySegment, now: FrameTime) -> bool:
-        """Whether the segment goes on after a new state. A start on trial that failed is
-        discarded.
+    def settle(self, segment: TrajectorySegment, now: FrameTime) -> bool:
+        """After a new state: accept a start on trial or discard it, end a segment that failed.
+        Whether it goes on.
         """
         trial, failure, warnings = self._trial, segment.failure, self._stages.output.warnings
         if trial is not None:
-            passed = trial.passed(segment.window, segment.monitor.lines_fit)
+            trial.update(segment.window, segment.monitor.lines_fit)
             if reason := trial.failure or failure:
                 which = f"the start in motion before {now.time:.2f} s"
                 warnings.append(f"{which} is discarded: {reason}")
                 self._discard_start(now.time, f"the last start is discarded: {reason}")
                 return False
-            if passed:
+            if trial.is_passed:
                 segment.confirm()
                 self._trial = None
         elif failure:

@@ -13,9 +13,9 @@ from ruledgraph.core.measurements import Frame, Gap, ImuSample
 from ruledgraph.core.settings import load_config
 from ruledgraph.imu.synchronizer import Synchronizer
 from ruledgraph.initialization.clock_search import ClockSearch
-from ruledgraph.initialization.trial import Trial
 from ruledgraph.integrity.gauge import yaw_alignment
 from ruledgraph.odometry import Odometry
+from ruledgraph.segments.trial import Trial
 from small_runs import ate, run
 from small_simulation import frames, small_simulation, small_stream
 
@@ -137,15 +137,15 @@ def test_another_rotation_of_the_camera_begins_anew(monkeypatch, on_trial):
 
 def test_a_start_on_moving_things_is_discarded(monkeypatch):
     stream, calibration = small_stream(moving=True)
-    passed, calls = Trial.passed, []
+    update, calls = Trial.update, []
 
-    def refuted_once(self, window, agrees):
+    def refuted_once(self, window, lines_fit):
+        update(self, window, lines_fit)
         calls.append(window)
         if len(calls) == 3:
             self.failure = "its lines were no good"
-        return passed(self, window, agrees)
 
-    monkeypatch.setattr(Trial, "passed", refuted_once)
+    monkeypatch.setattr(Trial, "update", refuted_once)
     odometry, statuses = Odometry(calibration), set()
     live, smoothed = [], []
     for measurement in stream:
@@ -168,20 +168,18 @@ def test_a_discarded_start_leaves_no_time_offset(monkeypatch):
     stream, calibration = small_stream(moving=True)
     late = [replace(m, stamp=m.stamp + 8_000_000) if isinstance(m, Frame) else m for m in stream]
     odometry, changes, left = Odometry(calibration), [], []
-    retime, passed = Synchronizer.retime, Trial.passed
+    retime = Synchronizer.retime
 
     def noted(self, change):
         changes.append(change)
         retime(self, change)
 
-    def refuted(self, window, agrees):
-        if not left:
-            left.append(self)
-            self.failure = "its lines were no good"
-        return passed(self, window, agrees)
+    def refuted(self, window, _lines_fit):
+        left.append(window)
+        self.failure = "its lines were no good"
 
     monkeypatch.setattr(Synchronizer, "retime", noted)
-    monkeypatch.setattr(Trial, "passed", refuted)
+    monkeypatch.setattr(Trial, "update", refuted)
     for measurement in late:
         odometry.add(measurement)
         if left:

@@ -23,12 +23,12 @@ class Trial:
         self._entered: set[int] = set()
         self._until = time + self._config.trial_time
         self.failure = ""
-        """Why it is rejected."""
+        """Why the start is rejected."""
+        self.is_passed = False
+        """Whether it is over, and the start is accepted."""
 
-    def passed(self, window: Window, agrees: bool) -> bool:
-        """Whether it is over and went well, where lines and estimate agree or not; look at
-        `failure` first.
-        """
+    def update(self, window: Window, lines_fit: bool) -> None:
+        """Take in a window's newest state, and whether nearly all lines fit it."""
         node = window.newest
         self._entered |= self._line_ids & window.lines.keys()
         gone = len(self._entered - window.lines.keys())
@@ -36,9 +36,9 @@ class Trial:
             self.failure = f"{gone} of its {len(self._line_ids)} lines were rejected"
         elif self._is_unlikely(node):
             self.failure = "its IMU biases are implausibly large"
-        elif not agrees and node.time >= self._until + self._config.lost_time:
+        elif not lines_fit and node.time >= self._until + self._config.lost_time:
             self.failure = "too many lines do not fit it"
-        return not self.failure and agrees and node.time >= self._until
+        self.is_passed = not self.failure and lines_fit and node.time >= self._until
 
     def _is_unlikely(self, node: StateNode) -> bool:
         """Whether biases contradict what is known of them before a start, by a chi-square test:
