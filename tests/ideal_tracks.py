@@ -3,6 +3,7 @@
 """Tracks as a perfect edge search would leave them: a hand-held camera before a dozen segments."""
 
 from collections import deque
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -13,6 +14,7 @@ from ruledgraph.calibration.sensors import D435I_LIKE, Calibration, CameraModel
 from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
+from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph.simulation.edges import observe_segment
 from ruledgraph_factors import GeometricPoints
@@ -107,3 +109,8 @@ def at_rest(duration: float) -> SplineMotion:
 def error_of(pose: gtsam.Pose3, true: gtsam.Pose3) -> float:
     """Distance between two poses' positions, m."""
     return float(np.linalg.norm(pose.translation() - true.translation()))
+
+
+def frame_times(stamps: Sequence[int], times: Iterable[float]) -> list[FrameTime]:
+    """Frames by their stamps (ns) and times (s)."""
+    return [FrameTime(*each) for each in zip(stamps, map(float, times), strict=True)]

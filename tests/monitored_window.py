@@ -4,7 +4,7 @@
 
 import numpy as np
 
-from ideal_tracks import CALIBRATION, MANY, ideal_tracks, start_of
+from ideal_tracks import CALIBRATION, MANY, frame_times, ideal_tracks, start_of
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.config import Config
 from ruledgraph.core.messages import Messages
@@ -36,7 +36,7 @@ def monitored_window(segments=MANY, late: float = 0.0, noise_times: float = 1.0,
         part = slice(first, first + 3)
         if times[part][-1] > made.imu.latest:
             break
-        window.extend(stamps[part], times[part], made.imu, made.tracks, False)
+        window.extend(frame_times(stamps[part], times[part]), made.imu, made.tracks, False)
         window.optimize()
         monitor.update(window, False)
     return window, monitor, warnings

@@ -7,7 +7,7 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 
-from ideal_tracks import CALIBRATION, IdealTracks, ideal_tracks, start_of
+from ideal_tracks import CALIBRATION, IdealTracks, frame_times, ideal_tracks, start_of
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import Interval
 from ruledgraph.core.config import Config
@@ -24,7 +24,7 @@ def run_window(
     for first in range(0, len(times), 3):
         part = slice(first, first + 3)
         still = times[part][-1] < still_until
-        window.extend(stamps[part], times[part], made.imu, tracks, still)
+        window.extend(frame_times(stamps[part], times[part]), made.imu, tracks, still)
         left += window.optimize()
         rejected = window.line_map.take_rejected()
         tracks = [track for track in tracks if track.id not in rejected]
@@ -44,7 +44,7 @@ def rested(steps: int, look_every: int = 0) -> Window:
         times = made.times[i : i + 9].tolist()
         looks = look_every > 0 and i // 9 % look_every == 0
         tracks = made.tracks if looks else []
-        window.extend(made.stamps[i : i + 9], times, made.imu, tracks, still=True)
+        window.extend(frame_times(made.stamps[i : i + 9], times), made.imu, tracks, still=True)
         if looks or look_every == 0:
             window.optimize()
     return window

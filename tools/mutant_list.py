@@ -153,10 +153,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
     (
         "imu/rest.py",
         "integrity/test_rest",
-        (
-            ("imu - mean, times", "imu, times"),
-            ("3.0 * sigmas", "30.0 * sigmas"),
-        ),
+        (("imu - mean, times", "imu, times"), ("3.0 * sigmas", "30.0 * sigmas")),
     ),
     # Initialization.
     (

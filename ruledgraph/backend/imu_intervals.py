@@ -16,13 +16,13 @@ from ruledgraph.calibration.sensors import ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import StartConfig
 from ruledgraph.imu.buffer import ImuBuffer, params_across
+from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph_factors import FrameMotion, ImuSamples, preintegrate_frames
 
 
 def imu_interval(
     node: StateNode,
-    stamps: Sequence[int],
-    times: Sequence[float],
+    frames: Sequence[FrameTime],
     repeats_frame: bool,
     imu: ImuBuffer,
     noise: ImuNoise,
@@ -34,8 +34,7 @@ def imu_interval(
 
     Args:
         node: the state before.
-        stamps: of the frames, ns.
-        times: of the frames, s.
+        frames: that follow it.
         repeats_frame: whether the first of them is the state's own.
         imu: samples that cover them.
         noise: of the IMU.
@@ -43,6 +42,7 @@ def imu_interval(
         camera: what is estimated of the camera in these frames.
         still: whether the body rested all the time.
     """
+    times = [frame.time for frame in frames]
     samples = imu.between(node.time, times[-1])
     # At rest the noise of the gyroscope would make the offset look observable.
     timed = camera.time_offset is not None and not still
@@ -61,7 +61,7 @@ def imu_interval(
         state = preintegrated.predict(node.state, node.bias)
     interval = Interval(
         node,
-        list(stamps),
+        [frame.stamp for frame in frames],
         motion,
         imu.gravity,
         noise,

@@ -28,6 +28,7 @@ from ruledgraph.core.extrinsics import Extrinsics
 from ruledgraph.core.focal_ratio import FocalRatio
 from ruledgraph.core.line_observations import LineTrack
 from ruledgraph.imu.buffer import ImuBuffer
+from ruledgraph.imu.frame_history import FrameTime
 
 
 class Window:
@@ -119,8 +120,7 @@ class Window:
 
     def extend(
         self,
-        stamps: Sequence[int],
-        times: Sequence[float],
+        frames: Sequence[FrameTime],
         imu: ImuBuffer,
         tracks: Collection[LineTrack],
         still: bool,
@@ -130,12 +130,11 @@ class Window:
         """Add a state at the last of the frames that follow the newest one, with its factors.
 
         Args:
-            stamps: of the frames, ns.
-            times: of the frames, s, increasing, after the newest state.
+            frames: in order of time, after the newest state.
             imu: samples that cover them.
             tracks: of the lines to be taken in, usually all.
             still: whether the body has rested since the newest state, and for some time.
-            offset_correction: what was added to the calibration's time offset in `times`, s.
+            offset_correction: what was added to the calibration's time offset in their times, s.
             jump_threshold: from which likelihood ratio on the biases jump, see `bias_jump`; -inf:
                 they do, if any line of known distance was seen; inf: they do not, nor at rest
                 (`rest_jump`).
@@ -145,11 +144,10 @@ class Window:
         repeats_frame = False
         if latest is not None and not latest.is_reliable and not imu.in_long_hole(before.time):
             repeats_frame = latest.last_is_repeated = True
-            stamps, times = [latest.stamps[-1], *stamps], [before.time, *times]
+            frames = [FrameTime(latest.stamps[-1], before.time), *frames]
         interval, new = imu_interval(
             before,
-            stamps,
-            times,
+            frames,
             repeats_frame,
             imu,
             self._imu_noise,

@@ -142,10 +142,9 @@ class TrajectorySegment:
     def _extend(self, frames: Sequence[FrameTime], observe_lines: bool = True) -> None:
         still = self.rest.begin_state()
         sensors, front_end = self._stages.sensors, self._stages.front_end
-        stamps, times = [f.stamp for f in frames], [f.time for f in frames]
         tracks = front_end.observed() if observe_lines else []
         correction, limit = sensors.offset_correction, self.monitor.jump_threshold
-        self.window.extend(stamps, times, sensors.imu, tracks, still, correction, limit)
+        self.window.extend(frames, sensors.imu, tracks, still, correction, limit)
         front_end.reject(self.window.line_map.take_rejected())
         self._propagator.reset()
 

@@ -12,7 +12,15 @@ import pytest
 from scipy.linalg import block_diag
 from scipy.stats import chi2
 
-from ideal_tracks import CALIBRATION, IdealTracks, error_of, ideal_tracks, stamp_of, start_of
+from ideal_tracks import (
+    CALIBRATION,
+    IdealTracks,
+    error_of,
+    frame_times,
+    ideal_tracks,
+    stamp_of,
+    start_of,
+)
 from ruledgraph.backend.bias_jump import JUMP_DOF, bias_jump
 from ruledgraph.backend.line_factors import EdgeModel
 from ruledgraph.backend.sliding_window import Window
@@ -63,7 +71,9 @@ def run(
         times = made.times[part].tolist()
         own_limit = limit if times[0] > ON_TRIAL else np.inf
         stamps, tracks = made.stamps[part], made.tracks
-        window.extend(stamps, times, made.imu, tracks, still=False, jump_threshold=own_limit)
+        window.extend(
+            frame_times(stamps, times), made.imu, tracks, still=False, jump_threshold=own_limit
+        )
         if times[-1] < solved_until:
             window.optimize()
         test = window.jump_test
@@ -91,7 +101,9 @@ def test_variables_of_the_camera_that_are_known_make_no_difference() -> None:
             for first in range(1, len(made.stamps) - FRAMES + 1, FRAMES):
                 part = slice(first, first + FRAMES)
                 times = made.times[part].tolist()
-                window.extend(made.stamps[part], times, made.imu, made.tracks, still=False)
+                window.extend(
+                    frame_times(made.stamps[part], times), made.imu, made.tracks, still=False
+                )
                 ratios[-1] += [window.jump_test.ratio] if window.jump_test else []
                 window.optimize()
         assert len(ratios[0]) > 3

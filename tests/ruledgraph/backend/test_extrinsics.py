@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 from failing_smoother import fail_updates
-from ideal_tracks import CALIBRATION, error_of, ideal_tracks, start_of
+from ideal_tracks import CALIBRATION, error_of, frame_times, ideal_tracks, start_of
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.calibration.camera_mounting import CameraMounting, mounting_warning
 from ruledgraph.core.config import Config, ExtrinsicsConfig
@@ -37,7 +37,9 @@ def run_window(given: gtsam.Pose3, seed: int = 1, estimate: bool = True) -> Wind
     window = Window(calibration, Config(), start_of(made), 0.0, extrinsics)
     for first in range(1, len(made.times), 3):
         part = slice(first, first + 3)
-        window.extend(made.stamps[part], made.times[part].tolist(), made.imu, made.tracks, False)
+        window.extend(
+            frame_times(made.stamps[part], made.times[part]), made.imu, made.tracks, False
+        )
         window.optimize()
     return window
 

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from failing_smoother import fail_updates
-from ideal_tracks import CALIBRATION, IdealTracks, error_of, ideal_tracks, sighting, start_of
+from ideal_tracks import (
+    CALIBRATION,
+    IdealTracks,
+    error_of,
+    frame_times,
+    ideal_tracks,
+    sighting,
+    start_of,
+)
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.calibration.camera_mounting import CameraMounting, focal_warning
 from ruledgraph.core.config import Config, IntrinsicsConfig
@@ -33,7 +41,9 @@ def run_window(made: IdealTracks, known: FocalRatio | None) -> Window:
     window = Window(CALIBRATION, Config(), start_of(made), 0.0, None, known)
     for first in range(1, len(made.times), 3):
         part = slice(first, first + 3)
-        window.extend(made.stamps[part], made.times[part].tolist(), made.imu, made.tracks, False)
+        window.extend(
+            frame_times(made.stamps[part], made.times[part]), made.imu, made.tracks, False
+        )
         window.optimize()
     return window
 

@@ -11,6 +11,7 @@ from ruledgraph.backend.self_calibration import AS_CALIBRATED
 from ruledgraph.backend.states import Interval, StateNode
 from ruledgraph.calibration.sensors import ADIS16448_LIKE
 from ruledgraph.imu.buffer import ImuBuffer
+from ruledgraph.imu.frame_history import FrameTime
 
 TIMES = np.arange(0.0, 0.3001, 0.005)
 SIGMA = 0.02
@@ -27,7 +28,14 @@ def turned(rate: np.ndarray, start: gtsam.Rot3) -> Interval:
     state = gtsam.NavState(gtsam.Pose3(start, np.zeros(3)), np.zeros(3))
     node = StateNode(0, 0.0, state, gtsam.imuBias.ConstantBias(), 1e-4 * np.eye(15))
     found, _ = imu_interval(
-        node, [1, 2], [0.15, 0.3], False, imu, ADIS16448_LIKE, SIGMA, AS_CALIBRATED, False
+        node,
+        [FrameTime(1, 0.15), FrameTime(2, 0.3)],
+        False,
+        imu,
+        ADIS16448_LIKE,
+        SIGMA,
+        AS_CALIBRATED,
+        False,
     )
     return found
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from ideal_tracks import CALIBRATION, MANY, at_rest, ideal_tracks, start_of
+from ideal_tracks import CALIBRATION, MANY, at_rest, frame_times, ideal_tracks, start_of
 from ruledgraph.backend.innovation import innovation
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import StateNode
@@ -101,9 +101,8 @@ def test_a_state_is_compared_with_what_the_imu_makes_of_one_some_time_before() -
     stamps, times = made.stamps[1:], made.times[1:].tolist()
     known = {}
     for first in range(0, 42, 6):
-        window.extend(
-            stamps[first : first + 6], times[first : first + 6], made.imu, made.tracks, False
-        )
+        part = slice(first, first + 6)
+        window.extend(frame_times(stamps[part], times[part]), made.imu, made.tracks, False)
         window.optimize()
         newest = window.newest
         known[newest.time] = StateNode(
@@ -136,7 +135,9 @@ def test_without_a_covariance_there_is_none() -> None:
     for first in (0, 4, 8):
         window.newest.covariance = -np.eye(15)
         part = slice(1 + first, 5 + first)
-        window.extend(made.stamps[part], made.times[part].tolist(), made.imu, made.tracks, False)
+        window.extend(
+            frame_times(made.stamps[part], made.times[part]), made.imu, made.tracks, False
+        )
         window.optimize()
         assert window.innovation is None
 
@@ -151,7 +152,7 @@ def standing(acceleration: float) -> tuple[Window, list[Innovation | None]]:
     window, found = Window(CALIBRATION, Config(), start_of(made)), []
     for first in range(0, len(made.stamps) - 5, 4):
         part = slice(1 + first, 5 + first)
-        window.extend(made.stamps[part], made.times[part].tolist(), felt, made.tracks, True)
+        window.extend(frame_times(made.stamps[part], made.times[part]), felt, made.tracks, True)
         if first % 8 == 0:
             window.optimize()
             found.append(window.innovation)

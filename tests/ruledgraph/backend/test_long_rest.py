@@ -5,7 +5,7 @@
 import gtsam
 import numpy as np
 
-from ideal_tracks import CALIBRATION, IdealTracks, error_of, ideal_tracks, start_of
+from ideal_tracks import CALIBRATION, IdealTracks, error_of, frame_times, ideal_tracks, start_of
 from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.settings import load_config
@@ -33,7 +33,7 @@ def extend(window: Window, made: IdealTracks, first: int, lines: int) -> None:
     part = slice(first, first + STEP)
     times = made.times[part].tolist()
     still = times[0] > RESTS_FROM + 0.2
-    window.extend(made.stamps[part], times, made.imu, made.tracks[:lines], still)
+    window.extend(frame_times(made.stamps[part], times), made.imu, made.tracks[:lines], still)
     window.optimize()
 
 

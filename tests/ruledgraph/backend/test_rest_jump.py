@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from ideal_tracks import CALIBRATION, IdealTracks, at_rest, error_of, ideal_tracks, start_of
+from ideal_tracks import (
+    CALIBRATION,
+    IdealTracks,
+    at_rest,
+    error_of,
+    frame_times,
+    ideal_tracks,
+    start_of,
+)
 from ruledgraph.backend.rest_jump import rest_jump
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.arrays import FloatArray
@@ -42,7 +50,9 @@ def run(made: IdealTracks, limit: float, until: float = DURATION) -> tuple[Windo
         if times[-1] > until:
             break
         stamps, tracks = made.stamps[first : first + STEP], made.tracks
-        window.extend(stamps, times, made.imu, tracks, still=True, jump_threshold=limit)
+        window.extend(
+            frame_times(stamps, times), made.imu, tracks, still=True, jump_threshold=limit
+        )
         window.optimize()
         jumped += [window.newest.time] if window.jumped else []
     return window, jumped

@@ -15,6 +15,7 @@ from ideal_tracks import (
     MANY,
     IdealTracks,
     error_of,
+    frame_times,
     ideal_tracks,
     sighting,
     start_of,
@@ -120,7 +121,7 @@ def test_a_line_of_a_start_that_runs_through_the_camera_does_not_enter():
     window = Window(
         CALIBRATION, Config(), replace(start, lines={track.id: InitialLine(chart, np.eye(4))})
     )
-    window.extend(made.stamps[1:4], made.times[1:4].tolist(), made.imu, [track], False)
+    window.extend(frame_times(made.stamps[1:4], made.times[1:4]), made.imu, [track], False)
     assert window.line_map.take_rejected() == {track.id}
     assert track.id not in window.lines
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from failing_smoother import fail_updates
-from ideal_tracks import CALIBRATION, IdealTracks, error_of, ideal_tracks, start_of
+from ideal_tracks import CALIBRATION, IdealTracks, error_of, frame_times, ideal_tracks, start_of
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
@@ -39,7 +39,9 @@ def run_window(made: IdealTracks, offset: float, following: bool = True) -> Wind
     for first in range(1, len(made.times), 3):
         part = slice(first, first + 3)
         times = (made.times[part] - offset + offset_correction).tolist()
-        window.extend(made.stamps[part], times, made.imu, made.tracks, False, offset_correction)
+        window.extend(
+            frame_times(made.stamps[part], times), made.imu, made.tracks, False, offset_correction
+        )
         window.optimize()
         assert window.self_calibration.time_offset is not None
         if following:

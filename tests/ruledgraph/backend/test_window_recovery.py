@@ -8,7 +8,7 @@ import pytest
 from gtsam.symbol_shorthand import V, X
 
 from failing_smoother import fail_updates
-from ideal_tracks import CALIBRATION, error_of, ideal_tracks, start_of
+from ideal_tracks import CALIBRATION, error_of, frame_times, ideal_tracks, start_of
 from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother, SmootherError
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.config import Config, WindowConfig
@@ -35,7 +35,9 @@ def test_a_rebuilt_smoother_holds_the_lines_it_had(monkeypatch):
     known: list[dict[int, int]] = []
     for first in range(1, 28, 3):
         part = slice(first, first + 3)
-        window.extend(made.stamps[part], made.times[part].tolist(), made.imu, made.tracks, False)
+        window.extend(
+            frame_times(made.stamps[part], made.times[part]), made.imu, made.tracks, False
+        )
         window.optimize()
         known.append({id_: line.key for id_, line in window.lines.items()})
     assert len(window.recoveries) == 1

@@ -5,7 +5,7 @@
 import numpy as np
 from scipy.stats import chi2
 
-from ideal_tracks import CALIBRATION, ideal_tracks, start_of
+from ideal_tracks import CALIBRATION, frame_times, ideal_tracks, start_of
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.config import Config
 from ruledgraph.core.messages import Messages
@@ -38,7 +38,9 @@ def test_across_a_jump_of_the_biases_poses_are_as_good_as_they_say():
         part = slice(first, first + FRAMES)
         times = made.times[part].tolist()
         limit = float(chi2.ppf(0.9999, 6)) if times[0] > 0.5 else np.inf
-        window.extend(made.stamps[part], times, felt, made.tracks, False, jump_threshold=limit)
+        window.extend(
+            frame_times(made.stamps[part], times), felt, made.tracks, False, jump_threshold=limit
+        )
         window.optimize()
         jumped += [times[-1]] if window.jumped else []
     assert jumped == [window.nodes[5].time]
