@@ -25,6 +25,7 @@ from ruledgraph.evaluation import EvaluationError, compare, matched
 from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
 from ruledgraph.odometry import Odometry
 from ruledgraph.recording import open_recording
+from variants import VARIANTS
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,10 @@ class Recorded:
     """Left, top, width and height of the part of the image that is used, px."""
     truth_sigma: TruthSigma = field(default_factory=TruthSigma)
     """How good the ground truth is."""
+    variant: str = "as recorded"
+    """One of `VARIANTS`."""
+    seed: int = 0
+    """Of the variant's randomness."""
 
 
 @dataclass(frozen=True)
@@ -93,12 +98,14 @@ def run_from(recorded: Recorded, duration: float | None, begin: float) -> Run:
     camera_topic = topic.removesuffix("/compressed") if topic else None
     calibration = read_calibration(Path(recorded.calibration), image_topic=camera_topic)
     calibration = replace(calibration, camera=changed_camera(calibration.camera, recorded))
+    variant, rng = VARIANTS[recorded.variant], np.random.default_rng(recorded.seed)
+    calibration = variant.calibration(calibration)
     odometry = Odometry(calibration, load_config(None, recorded.settings))
     recording = open_recording(recorded.bag, image_topic=topic, start=begin, duration=duration)
     live: list[Estimate] = []
     smoothed: list[Estimate] = []
     first, latest, seen, count, handed_out = 0, 0, 0, 0, None
-    for measurement in recording.stream():
+    for measurement in variant.changed(recording.stream(), rng):
         if isinstance(measurement, Frame):
             seen += 1
             if (seen - 1) % recorded.every:
