@@ -210,7 +210,7 @@ class Odometry(Output):
     def _carried_on(self, segment: TrajectorySegment, now: FrameTime) -> bool:
         """Give the segment a state at a frame, if one is due; whether it goes on."""
         due = segment.is_state_due(now.time)
-        if due or segment.rest.of_state:
+        if due or segment.rest_phase.of_state:
             segment.look(now.time)
         if not due:
             return True

@@ -35,7 +35,7 @@ class Initializer:
         clock_search: of the time offset, which also holds the settings.
         sensors: the IMU samples and the times of the frames.
         front_end: with the line tracks.
-        rest: detects whether the body is at rest.
+        rest_detector: detects whether the body is at rest.
         warnings: where to say why an attempt failed.
     """
 
@@ -45,14 +45,14 @@ class Initializer:
         clock_search: ClockSearch,
         sensors: Synchronizer,
         front_end: FrontEnd,
-        rest: RestDetector,
+        rest_detector: RestDetector,
         warnings: Messages,
     ) -> None:
         self._mounting = mounting
         self._clock_search = clock_search
         self._sensors = sensors
         self._front_end = front_end
-        self._rest = rest
+        self._rest_detector = rest_detector
         self._warnings = warnings
         self._last_attempt = -np.inf
         self._retimed = False
@@ -76,7 +76,9 @@ class Initializer:
         """A start at the latest frame, if what was seen allows one; says why if it does not."""
         if not self.is_due(now.time):
             return None
-        found = self._at_rest(now) if self._rest.is_still(now.time) else self._in_motion(now)
+        found = (
+            self._at_rest(now) if self._rest_detector.is_still(now.time) else self._in_motion(now)
+        )
         if found is None:
             return None
         if isinstance(found, Start):

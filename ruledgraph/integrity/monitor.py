@@ -68,7 +68,7 @@ class IntegrityMonitor:
         # By the ratios of `bias_jump` where nothing jumped, which count as innovations.
         self._of_jumps = VarianceFactor(config.integrity)
         self._parallel = ParallelLines(config.integrity)
-        self._rest = RestSlide(warnings, config.rest.slide_warning)
+        self._rest_slide = RestSlide(warnings, config.rest.slide_warning)
         self._inflation = _Inflation(1.0, np.zeros((3, 3)), np.zeros((3, 3)))
         # The gauge uncertainty with all that applies at the newest state.
         self._gauge = gauge_uncertainty
@@ -138,10 +138,10 @@ class IntegrityMonitor:
         self._inflate(node, max(1.0, self._variance.estimate))
         self._add_to_gauge(self._parallel.update(window, self._inflation.factor))
         stayed = None if stayed_at is None else stayed_at.position()
-        self._add_to_gauge(self._rest.update(node.state.position(), node.time, still, stayed))
+        self._add_to_gauge(self._rest_slide.update(node.state.position(), node.time, still, stayed))
         more = self._inflation.added - (self._inflation.factor - 1.0) * _of_position(node)
         position = self._base_gauge.position_covariance + self._parallel.covariance()
-        position = position + self._rest.covariance() + more
+        position = position + self._rest_slide.covariance() + more
         self._gauge = replace(self._base_gauge, position_covariance=position)
 
     def _add_to_gauge(self, position: FloatArray) -> None:

@@ -19,7 +19,7 @@ class RestSlide:
     def __init__(self, warnings: Messages, warn_distance: float) -> None:
         self._warnings = warnings
         self._warn_distance = warn_distance
-        self._rest: FloatArray | None = None
+        self._rest_position: FloatArray | None = None
         self._slide = np.zeros(3)
 
     def update(
@@ -33,11 +33,11 @@ class RestSlide:
         """
         if not still:
             stays = self.covariance()
-            self._rest, self._slide = None, np.zeros(3)
+            self._rest_position, self._slide = None, np.zeros(3)
             return stays
-        if self._rest is None:
-            self._rest = position if stayed_at is None else stayed_at
-        before, self._slide = self._slide, position - self._rest
+        if self._rest_position is None:
+            self._rest_position = position if stayed_at is None else stayed_at
+        before, self._slide = self._slide, position - self._rest_position
         if np.linalg.norm(before) < self._warn_distance <= np.linalg.norm(self._slide):
             self._warnings.append(
                 f"the estimate has moved by {np.linalg.norm(self._slide):.2f} m at "

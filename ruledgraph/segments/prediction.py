@@ -27,7 +27,7 @@ def predicted(
         R = body_R_cam.matrix().T @ before_R_body.matrix().T @ body_R_cam.matrix()
         rotation_only = CameraMotion(R, elapsed, body_T_cam, body_T_cam, stages.mounting.ratio)
         return Predicted(rotation_only, {})
-    body_T_cam, rest, window = segment.body_T_cam, segment.rest, segment.window
+    body_T_cam, rest, window = segment.body_T_cam, segment.rest_phase, segment.window
     world_T_before = rest.held(segment.state.pose(), window).compose(body_T_cam)
     world_T_cam = rest.held(segment.predict(now.time).pose(), window).compose(body_T_cam)
     R = world_T_cam.between(world_T_before).rotation().matrix()

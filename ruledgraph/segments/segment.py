@@ -72,7 +72,7 @@ class TrajectorySegment:
         """Of the latest frame."""
         self.last_reliable: ReliableState | None = None
         """Its last state whose lines fitted."""
-        self.rest = RestPhase(stages.rest, calibration.camera.focal_length, config)
+        self.rest_phase = RestPhase(stages.rest_detector, calibration.camera.focal_length, config)
         self._last_lines = frames[-1].time
         pending: list[FrameTime] = []
         for frame in frames[1:]:
@@ -95,7 +95,7 @@ class TrajectorySegment:
     def detection_interval(self) -> float:
         """How often new lines are looked for, s."""
         tracks = self._config.tracks
-        return self.rest.interval if self.rest.of_state else tracks.detection_interval
+        return self.rest_phase.interval if self.rest_phase.of_state else tracks.detection_interval
 
     def predict(self, time: float) -> gtsam.NavState:
         """Carry the state on to a time (s) after the newest node, by the IMU."""
@@ -123,7 +123,7 @@ class TrajectorySegment:
         """Add a state at the last of the frames that follow the newest one, and solve; False, and
         nothing done, while it is open whether a rest goes on.
         """
-        rest, window = self.rest, self.window
+        rest, window = self.rest_phase, self.window
         frames = self._stages.sensors.frames.after(window.newest.time)
         if rest.is_undecided:
             return False
@@ -137,10 +137,10 @@ class TrajectorySegment:
 
     def look(self, time: float, last: bool = False) -> None:
         """Whether the body rests at a frame, or at the last one, at a time, s."""
-        self.rest.look(self.window, time, self.state, self.body_T_cam, last)
+        self.rest_phase.look(self.window, time, self.state, self.body_T_cam, last)
 
     def _extend(self, frames: Sequence[FrameTime], observe_lines: bool = True) -> None:
-        still = self.rest.begin_state()
+        still = self.rest_phase.begin_state()
         sensors, front_end = self._stages.sensors, self._stages.front_end
         tracks = front_end.observed() if observe_lines else []
         correction, limit = sensors.offset_correction, self.monitor.jump_threshold
@@ -153,7 +153,7 @@ class TrajectorySegment:
         self._reporter.smoothed(window, window.optimize(), clock.offset)
         self._reporter.lines(window.line_map.take_retired())
         self._stages.front_end.reject(window.line_map.take_rejected())
-        self.monitor.update(window, self.rest.of_state, self.rest.stayed_at)
+        self.monitor.update(window, self.rest_phase.of_state, self.rest_phase.stayed_at)
         self._propagator.reset()
         self.state = window.newest.state
         reliable = self.confirmed and not self.monitor.is_contradicted
@@ -182,7 +182,7 @@ class TrajectorySegment:
         window, offset = self.window, self._stages.clock.offset
         of_window = blocks(self._propagator.covariance(window.newest, frame.time))
         by_imu = self.monitor.covariances(of_window, self.state.pose(), self.state.velocity())
-        self.state, covariances = self.rest.estimate(window, self.state, by_imu)
+        self.state, covariances = self.rest_phase.estimate(window, self.state, by_imu)
         pose, velocity = self.state.pose(), self.state.velocity()
         status = self._status(frame.time, lines)
         estimate = self._reporter.live(
@@ -200,7 +200,7 @@ class TrajectorySegment:
         degraded = self._stages.sensors.imu.was_degraded(time)
         if degraded or self.monitor.is_contradicted or self._is_motion_unreliable(time):
             return "degraded"
-        if self.rest.is_held:
+        if self.rest_phase.is_held:
             return "still"
         if time - self._last_lines > limits.lines_missing_time or self.monitor.parallel:
             return "dead reckoning"

@@ -35,7 +35,7 @@ class SegmentSequence:
             self.clock_search,
             stages.sensors,
             stages.front_end,
-            stages.rest,
+            stages.rest_detector,
             stages.output.warnings,
         )
         self._calibration = calibration

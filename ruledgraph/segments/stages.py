@@ -19,7 +19,7 @@ class Stages(NamedTuple):
 
     sensors: Synchronizer
     front_end: FrontEnd
-    rest: RestDetector
+    rest_detector: RestDetector
     clock: CameraClock
     mounting: CameraMounting
     output: Output
@@ -29,12 +29,14 @@ class Stages(NamedTuple):
         """Those of an odometry with this output."""
         sensors = Synchronizer(calibration, output.warnings, config.imu)
         front_end = FrontEnd(calibration.camera, config.edges, config.tracks, output.timings)
-        rest = RestDetector(sensors.imu, sensors.frames, front_end.lines_moved, config.rest)
-        sensors.image_rests = rest.image_rests
+        rest_detector = RestDetector(
+            sensors.imu, sensors.frames, front_end.lines_moved, config.rest
+        )
+        sensors.image_rests = rest_detector.image_rests
         given = calibration.time_offset
         clock = CameraClock(sensors, given, config.time_offset, output.warnings)
         mounting = CameraMounting(calibration, config, output.warnings)
-        return cls(sensors, front_end, rest, clock, mounting, output)
+        return cls(sensors, front_end, rest_detector, clock, mounting, output)
 
     def forget(self, before: float) -> None:
         """End lost tracks, and drop what was measured before a time, s."""
