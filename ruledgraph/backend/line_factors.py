@@ -12,7 +12,7 @@ from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, V, X
 
 from ruledgraph.backend.landmarks import Landmark
-from ruledgraph.backend.states import Interval, LineObservation, StateNode
+from ruledgraph.backend.states import IntervalSightings, LineObservation, StateNode
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config, LinesConfig
 from ruledgraph.core.line_observations import Sighting
@@ -66,14 +66,9 @@ def edge_noise(rows: int, weight: float, sigma: float, cauchy_scale: float) -> n
     return noise
 
 
-def observation(
-    interval: Interval,
-    line: Landmark,
-    index: Sequence[int],
-    sightings: Sequence[Sighting],
-    model: EdgeModel,
-) -> LineObservation:
-    """The factor of a line over the frames `index` of an interval, in which it was sighted."""
+def observation(seen: IntervalSightings, line: Landmark, model: EdgeModel) -> LineObservation:
+    """The factor of a line over the frames of an interval in which it was seen."""
+    interval, index, sightings = seen
     compressed = compressed_points(sightings)
     noise = edge_noise(compressed.rows, compressed.weight, model.sigma, model.cauchy_scale)
     k = interval.node.index

@@ -3,7 +3,6 @@
 """Variables and factors of lines: of new ones, of observed ones, and of those that moved far."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -20,10 +19,10 @@ from ruledgraph.backend.line_factors import (
     observation,
 )
 from ruledgraph.backend.start import InitialLine
-from ruledgraph.backend.states import Interval, LineObservation
+from ruledgraph.backend.states import Interval, IntervalSightings, LineObservation
 from ruledgraph.core.config import LinesConfig
 from ruledgraph.core.errors import RuledgraphError
-from ruledgraph.core.line_observations import LineTrack, Sighting
+from ruledgraph.core.line_observations import LineTrack
 from ruledgraph_factors import (
     NEW_LINE_SIGMAS,
     FactorError,
@@ -37,15 +36,6 @@ _MIN_REANCHOR_SIGMA = 1e-4
 
 class ImpossibleLineError(RuledgraphError):
     """A track's points put its line behind the camera or too close to it."""
-
-
-class _Seen(NamedTuple):
-    """A line in an interval."""
-
-    interval: Interval
-    frames: list[int]
-    """Indices of the interval's frames that saw it."""
-    sightings: list[Sighting]
 
 
 class LineGraphBuilder:
@@ -78,27 +68,27 @@ class LineGraphBuilder:
 
     def observe(
         self,
-        interval: Interval,
+        seen: IntervalSightings,
         line: Landmark,
-        index: Sequence[int],
-        sightings: Sequence[Sighting],
         now: float,
         update: GraphUpdate,
         rests: bool,
         precomputed: LineObservation | None = None,
     ) -> None:
-        """Add the factor of a line over the frames `index` of an interval that ends `now`, s.
+        """Add the factor of a line over the frames of an interval that saw it and that ends `now`,
+        s.
 
         While the body rests, all the window long, a line gets one only: later images repeat its
         errors, and counted again and again these move the estimate. The observation may be there
         already, of `LineMap.observations_in`.
         """
+        interval, index, sightings = seen
         if not index:
             return
-        seen = precomputed or observation(interval, line, index, sightings, self._model)
-        interval.observations.append(seen)
+        own = precomputed or observation(seen, line, self._model)
+        interval.observations.append(own)
         if not (rests and line.points):
-            update.factors.add(seen.factor)
+            update.factors.add(own.factor)
         line.points += sum(len(sighting.points) for sighting in sightings)
         line.last_stamp = max(line.last_stamp, interval.stamps[index[-1]])
         line.last_time = update.times[line.key] = now
@@ -123,7 +113,7 @@ class LineGraphBuilder:
         Raises:
             ImpossibleLineError: if they place it behind the camera or too close to it.
         """
-        seen = [_Seen(interval, *interval.seen(track.sightings)) for interval in intervals]
+        seen = [interval.sightings_of(track) for interval in intervals]
         seen = [part for part in seen if part.frames]
         if not seen:
             return None
@@ -146,13 +136,13 @@ class LineGraphBuilder:
         )
         self._keys_so_far += 1
         update.values.insert(line.key, line.delta)
-        for interval, index, sightings in seen:
-            self.observe(interval, line, index, sightings, now, update, rests)
+        for part in seen:
+            self.observe(part, line, now, update, rests)
         for factor in new_line_factors(first.interval.node, line, self._config, distance):
             update.factors.add(factor)
         return line
 
-    def _triangulated(self, seen: Sequence[_Seen]) -> InitialLine | None:
+    def _triangulated(self, seen: Sequence[IntervalSightings]) -> InitialLine | None:
         if sum(len(part.frames) for part in seen) < self._config.min_sightings:
             return None
         cameras: list[gtsam.Pose3] = []

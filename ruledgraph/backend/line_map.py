@@ -79,8 +79,8 @@ class LineMap:
             line = self.lines.get(track.id)
             if line is not None:
                 line.in_view = track.in_view
-                seen, own = newest.seen(track.sightings), precomputed.get(track.id)
-                self._builder.observe(newest, line, *seen, now, update, rests, own)
+                seen, own = newest.sightings_of(track), precomputed.get(track.id)
+                self._builder.observe(seen, line, now, update, rests, own)
             elif not waits and self._is_mature(track, now):
                 try:
                     entered = self._builder.new_line(
@@ -97,11 +97,11 @@ class LineMap:
     ) -> dict[int, LineObservation]:
         """Of the lines of the graph, by their ids, in an interval that is not in the graph yet."""
         known = [track for track in tracks if track.id in self.lines]
-        sightings = {track.id: interval.seen(track.sightings) for track in known}
+        seen = {track.id: interval.sightings_of(track) for track in known}
         return {
-            id_: observation(interval, self.lines[id_], *seen, self.model)
-            for id_, seen in sightings.items()
-            if seen[0]
+            id_: observation(part, self.lines[id_], self.model)
+            for id_, part in seen.items()
+            if part.frames
         }
 
     def usual_distance(self) -> float:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What a window is made of: states, and the frames and observations between them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -17,7 +16,7 @@ from ruledgraph.calibration.sensors import ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import IntegrityConfig
 from ruledgraph.core.estimates import Covariances, blocks
-from ruledgraph.core.line_observations import Sighting
+from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph_factors import (
     FrameMotion,
     GeometricPoints,
@@ -154,8 +153,9 @@ class Interval:
         camera = None if extrinsics is None else extrinsics.body_T_cam.matrix()
         return State(pose, velocity, bias, self.gravity, delta, self.residual_offset, camera, ratio)
 
-    def seen(self, sightings: Sequence[Sighting]) -> tuple[list[int], list[Sighting]]:
-        """Indices of the reliable frames that saw a line, and the sightings."""
+    def sightings_of(self, track: LineTrack) -> "IntervalSightings":
+        """Of a line, in the reliable frames."""
+        sightings = track.sightings
         hits: list[Sighting] = []
         for sighting in reversed(sightings):
             if sighting.stamp < self.stamps[0]:
@@ -163,7 +163,17 @@ class Interval:
             hits.append(sighting)
         index = {stamp: i for i, stamp in enumerate(self.stamps[: self.reliable_frames])}
         hits = [sighting for sighting in reversed(hits) if sighting.stamp in index]
-        return [index[sighting.stamp] for sighting in hits], hits
+        return IntervalSightings(self, [index[sighting.stamp] for sighting in hits], hits)
+
+
+class IntervalSightings(NamedTuple):
+    """Sightings of a line in an interval."""
+
+    interval: Interval
+    frames: list[int]
+    """Indices of the interval's frames that saw it."""
+    sightings: list[Sighting]
+    """In each of them."""
 
 
 def insert_state(values: gtsam.Values, node: StateNode) -> None:

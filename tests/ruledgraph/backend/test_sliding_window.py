@@ -89,10 +89,9 @@ def test_states_of_clipped_intervals_share_a_frame(monkeypatch):
             assert after.repeats_frame == (not before.is_reliable)
             assert (after.stamps[0] == before.stamps[-1]) == after.repeats_frame
             for line, factor, *_ in after.observations:
-                sightings = made.tracks[line.id - 1].sightings
-                index, _ = after.seen(sightings)
-                assert index
-                assert max(index) < after.reliable_frames
+                seen = after.sightings_of(made.tracks[line.id - 1])
+                assert seen.frames
+                assert max(seen.frames) < after.reliable_frames
                 assert factor.keys()[0] == X(after.node.index)
         assert sum(interval.repeats_frame for interval in intervals) > 3
         with monkeypatch.context() as patch:
