@@ -85,7 +85,31 @@ def report(rows: Sequence[tuple[str, Run]]) -> str:
         f"- {name}, from {run.begin:g} s: {cell(run.worst_reliable, 0)} mm off while reliable"
         for name, run in runaways
     ]
-    return "\n".join(lines)
+    return "\n".join([*lines, "", *_by_recording(rows)])
+
+
+def _by_recording(rows: Sequence[tuple[str, Run]]) -> list[str]:
+    """A table; NIS and NEES are the medians over the runs."""
+    titles = "runs | none | frames, % | live ATE, median, mm | 90 % up to | worst | NIS | NEES"
+    lines = [f"| recording | {titles} |", "|---|" + "---:|" * 8]
+    names = [name.split(",")[0] for name, _ in rows]
+    for recording in dict.fromkeys(names):
+        runs = [run for name, (_, run) in zip(names, rows, strict=True) if name == recording]
+        live = [run.ate for run in runs if run.ate is not None] or [np.nan]
+        frames = 100 * np.mean([run.frames for run in runs])
+        of_ate = f"{np.median(live):.1f} | {np.quantile(live, 0.9):.1f} | {max(live):.0f}"
+        nis = _median([run.nis for run in runs])
+        nees = _median([run.nees for run in runs])
+        none = sum(run.ate is None for run in runs)
+        lines.append(
+            f"| {recording} | {len(runs)} | {none} | {frames:.0f} | {of_ate} | {nis} | {nees} |"
+        )
+    return lines
+
+
+def _median(values: Sequence[float | None]) -> str:
+    known = [value for value in values if value is not None]
+    return cell(float(np.median(known)) if known else None, 2)
 
 
 def _length(truth: str) -> float:

@@ -59,6 +59,10 @@ class Run:
     """Share of live positions beyond three sigmas, see `reported_errors`."""
     unreported: float | None = None
     """Share, of those `tracking` or `still`, beyond three sigmas and 30 mm."""
+    nees: float | None = None
+    """Median NEES of live positions, as a share of the one it should have."""
+    nis: float | None = None
+    """Of all innovations, per degree of freedom."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +145,15 @@ def run_from(recorded: Recorded, duration: float | None, begin: float) -> Run:
         worst_reliable=of_reliable.worst if of_reliable else None,
         beyond=of_reports.beyond if of_reports else None,
         unreported=of_reports.unreported if of_reports else None,
+        nees=of_reports.nees if of_reports else None,
+        nis=_nis(live),
     )
+
+
+def _nis(live: Sequence[Estimate]) -> float | None:
+    found = [e.innovation for e in live if e.innovation]
+    dof = sum(innovation.dof for innovation in found)
+    return sum(innovation.nis for innovation in found) / dof if dof else None
 
 
 def changed_camera(camera: CameraModel, recorded: Recorded) -> CameraModel:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.special import chdtri
 
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.estimates import Estimate
@@ -59,6 +60,8 @@ class ReportedErrors(NamedTuple):
     """Share beyond three sigmas: 2.9 % of Gaussian errors in three dimensions."""
     unreported: float
     """Share, of those called tracking or still, beyond three sigmas and 30 mm."""
+    nees: float
+    """The median NEES, as a share of the one it should have."""
 
 
 def segments_of(live: Iterable[Estimate], smoothed: Iterable[Estimate]) -> list[Segment]:
@@ -101,8 +104,9 @@ def reported_errors(
         raise EvaluationError("no estimates that ground truth says something of")
     e, r, t = np.array(errors), np.array(ratios), np.array(trusted)
     unreported = np.sum((r > 1.0) & (e > _UNREPORTED_ERROR) & t) / max(t.sum(), 1)
+    nees = (3.0 * float(np.median(r))) ** 2 / float(chdtri(3, 0.5))
     return ReportedErrors(
-        1e3 * float(e.max()), float(r.max()), float(np.mean(r > 1.0)), float(unreported)
+        1e3 * float(e.max()), float(r.max()), float(np.mean(r > 1.0)), float(unreported), nees
     )
 
 

@@ -64,3 +64,15 @@ def test_a_runaway_is_named():
     assert "0 of 0 unreported; frames beyond three sigmas - %" in report([("a", plain)])
     assert "- b, from 3 s: 120 mm off while reliable" in text
     assert "- a" not in text
+
+
+def test_recordings_have_rows_of_their_own():
+    known = {"nis": 0.5, "nees": 0.8}
+    runs = [
+        ("hall, whole images", Run(2.0, 1.0, 1.0, 0.9, 0.0, 5.0, 9.0, 1.0, (), **known)),
+        ("room, half", Run(2.0, 1.0, 1.0, 0.8, 0.0, 7.0, 9.0, 1.0, (), nis=0.9, nees=1.2)),
+        ("room, whole", Run(4.0, None, None, 0.0, 0.0, None, None, None, ())),
+    ]
+    *_, hall, room = report(runs).splitlines()
+    assert hall == "| hall | 1 | 0 | 90 | 5.0 | 5.0 | 5 | 0.50 | 0.80 |"
+    assert room == "| room | 2 | 1 | 40 | 7.0 | 7.0 | 7 | 0.90 | 1.20 |"

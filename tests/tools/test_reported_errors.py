@@ -7,6 +7,7 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from reported_errors import Segment, TruthSigma, reported_errors, segments_of
 from ruledgraph.core.estimates import Estimate
@@ -60,6 +61,15 @@ def test_errors_are_compared_with_the_covariance_that_came_with_them():
     assert found.worst == pytest.approx(200.0)
     assert found.three_sigma == pytest.approx(0.2 / 3.0 / np.hypot(0.01, 0.003))
     assert found.unreported == found.beyond == 0.5
+
+
+def test_the_median_nees_is_one_for_errors_as_reported():
+    # The first three, of which the beginning is known, are right; of the others the median counts.
+    off = np.full((10, 3), 0.01 * np.sqrt(chi2.median(3) / 3.0))
+    off[:4] = 0.0
+    live, smoothed = estimates(off), estimates(np.zeros((10, 3)))
+    found = reported_errors([Segment(live, smoothed)], truth_at(STAMPS), TruthSigma(0.0))
+    assert found.nees == pytest.approx(1.0)
 
 
 def test_small_errors_and_those_of_doubtful_estimates_are_beyond_but_not_unreported():
