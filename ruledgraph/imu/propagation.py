@@ -10,7 +10,7 @@ import numpy as np
 from ruledgraph.calibration.sensors import ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.imu.buffer import ImuBuffer, params_across
-from ruledgraph_factors import FrameMotion, preintegrate_frames
+from ruledgraph_factors import FactorError, FrameMotion, preintegrate_frames
 from ruledgraph_factors.so3 import hat
 
 
@@ -57,11 +57,24 @@ class StateWithCovariance(Protocol):
 
 def turn_bound(imu: ImuBuffer, node: StateWithCovariance, time: float) -> float:
     """Bound of the angle by which the body turned from a state until a time (s), rad: the integral
-    of |w - b|. Beyond half a turn what is preintegrated is not unique.
+    of |w - b|.
     """
     samples = imu.between(node.time, time)
     rates = np.linalg.norm(samples.gyroscope - node.bias.gyroscope(), axis=1)
     return float(np.trapezoid(rates, samples.times))
+
+
+def turned_half_way(imu: ImuBuffer, node: StateWithCovariance, time: float) -> bool:
+    """Whether the body turned by more than half a turn from a state until a time (s): then the
+    rotation that is preintegrated is not unique.
+    """
+    if turn_bound(imu, node, time) <= np.pi:
+        return False
+    try:
+        preintegrate_frames(imu.between(node.time, time), node.time, [time], node.bias)
+    except FactorError:
+        return True
+    return False
 
 
 def propagated_covariances(

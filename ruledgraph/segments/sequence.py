@@ -9,7 +9,7 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Status
 from ruledgraph.core.measurements import Gap
 from ruledgraph.imu.frame_history import FrameTime
-from ruledgraph.imu.propagation import turn_bound
+from ruledgraph.imu.propagation import turned_half_way
 from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.initialization.initializer import Initializer
 from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState, continued
@@ -175,7 +175,7 @@ class SegmentSequence:
         since, newest = self._stages.sensors.frames.last.time, segment.window.newest.time
         if time - newest >= self._config.window.lag:
             why = f"no frame for {time - since:.2f} s from {since:.2f} s"
-        elif turn_bound(self._stages.sensors.imu, segment.window.newest, time) > np.pi:
+        elif turned_half_way(self._stages.sensors.imu, segment.window.newest, time):
             why = f"more than half a turn between the frames at {since:.2f} and {time:.2f} s"
         else:
             return

@@ -299,6 +299,18 @@ def test_a_spin_by_more_than_half_a_turn_between_states_is_survived(start):
     assert live
 
 
+def test_turning_to_and_fro_without_frames_does_not():
+    measurements, calibration = small_stream(duration=11.0)
+    first = measurements[0].stamp
+    without = [
+        m for m in measurements if not (isinstance(m, Frame) and 3.0 < (m.stamp - first) * 1e-9 < 6)
+    ]
+    swung = spun(list(spun(without, 3.0, 4.5, 1.5)), 4.5, 6.0, -1.5)
+    odometry, live, _ = run(swung, calibration)
+    assert not any("half a turn" in w for w in odometry.warnings)
+    assert max(e.segment for e in live) == 0
+
+
 def test_half_a_turn_without_frames_begins_a_new_segment():
     measurements, calibration = small_stream(duration=11.0)
     first = measurements[0].stamp

@@ -198,3 +198,14 @@ def test_a_camera_that_cannot_be_inverted_is_refused() -> None:
     wide = CameraModel(512, 512, 100.0, 100.0, 255.5, 255.5, "radtan", (-0.4, 0.0, 0.0, 0.0))
     with pytest.raises(RuledgraphError, match="distortion has no inverse in all of the image"):
         Renderer(evenly_lit(WALL, {"room": 180}), wide)
+
+
+def test_outside_of_its_image_circle_a_fisheye_sees_nothing() -> None:
+    """Of a lens that sees 190 degrees from side to side 80 to each side are drawn."""
+    focal = 255.0 / np.radians(190.0)
+    camera = CameraModel(256, 256, focal, focal, 127.5, 127.5, "equidistant", (0.0,) * 4)
+    image = Renderer(evenly_lit(WALL, {"room": 180}), camera).render(camera_pose())
+    rows, columns = np.indices(image.shape) - 127.5
+    angle = np.hypot(rows, columns) / focal
+    assert np.all(image[angle > np.radians(80.1)] == 0.0)
+    np.testing.assert_allclose(image[angle < np.radians(79.0)], 180.0, atol=1.0)
