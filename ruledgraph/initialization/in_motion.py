@@ -32,7 +32,7 @@ from ruledgraph.initialization.prior import (
     unknown_offset,
 )
 from ruledgraph_factors import FactorError
-from ruledgraph_factors.closed_form import closed_form, gyroscope_bias
+from ruledgraph_factors.closed_form import Planes, closed_form, gyroscope_bias
 
 # The most frames used; a line counts that was seen in so many of them, and in no fewer.
 _MAX_FRAMES, _SEEN_SHARE, _MIN_SIGHTINGS = 20, 0.3, 4
@@ -110,18 +110,22 @@ def _sorted(batches: Iterable[Batch | None]) -> list[Batch]:
 
 
 def _hypotheses(window: FirstWindow) -> Iterator[Callable[[], InitialValues]]:
-    start, body_T_cam, planes = window.config.start, window.calibration.body_T_cam, window.planes()
-    bias = gyroscope_bias(window.samples, window.times, planes, start.gyroscope_bias)
+    """From the gyroscope's bias with which lines keep their directions best, and from none: before
+    lines at similar distances a translation passes for such a bias, and no distance leads back.
+    """
+    planes, sigma = window.planes(), window.config.start.gyroscope_bias
+    shown = gyroscope_bias(window.samples, window.times, planes, sigma)
+    for bias in (shown, np.zeros(3)):
+        yield partial(_linear, window, planes, bias)
+        for distance in _DISTANCES:
+            yield partial(at_distance, window, bias, distance)
 
-    def linear() -> InitialValues:
-        motion = window.motion(gtsam.imuBias.ConstantBias(np.zeros(3), bias))
-        gravity = window.config.imu.gravity
-        found = closed_form(motion, planes, body_T_cam.translation(), gravity)
-        return from_closed_form(window, bias, found)
 
-    yield linear
-    for distance in _DISTANCES:
-        yield partial(at_distance, window, bias, distance)
+def _linear(window: FirstWindow, planes: Sequence[Planes], bias: FloatArray) -> InitialValues:
+    motion = window.motion(gtsam.imuBias.ConstantBias(np.zeros(3), bias))
+    lever_arm = window.calibration.body_T_cam.translation()
+    found = closed_form(motion, planes, lever_arm, window.config.imu.gravity)
+    return from_closed_form(window, bias, found)
 
 
 def _followed(window: FirstWindow, begin: Callable[[], InitialValues]) -> Batch | None:

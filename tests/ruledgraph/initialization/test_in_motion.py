@@ -214,6 +214,18 @@ def test_a_start_is_refused_when_another_motion_fits_as_well(
         assert start.reason == "two different motions explain the lines equally well"
 
 
+def test_lines_that_show_a_wrong_bias_do_not_prevent_a_start(monkeypatch):
+    """Where a translation passes for a rotation, hypotheses that begin without a bias remain."""
+    wrong = np.array([8.0, 0.0, 0.0])  # more than a turn within the window
+    monkeypatch.setattr(ruledgraph.initialization.in_motion, "gyroscope_bias", lambda *_: wrong)
+    made = in_motion(0)
+    start = begun(made)
+    assert isinstance(start, Start)
+    true = made.motion.rotation(0.0).T @ made.motion.velocity(0.0)
+    found = start.state.attitude().unrotate(start.state.velocity())
+    assert np.linalg.norm(found - true) < 0.05
+
+
 def test_a_hypothesis_that_is_stuck_is_no_rival():
     """One of the distances that lines may begin at leads to a wrong minimum here."""
     found = solved(window_of(in_motion(0, accelerometer_bias=0.5, segments=SEGMENTS)))
