@@ -181,35 +181,34 @@ class Odometry(Output):
             return
         self._stages.front_end.start_tracks()
         segments.end_if_cut_off(now.time)
-        found = self._searched(frame, now)
-        sensors.frames.append(now)
         segment = segments.current
+        due = segment is not None and segment.is_state_due(now.time)
+        found = self._searched(frame, now, due)
+        sensors.frames.append(now)
         if segment is None or segments.last_status != "still":
             with self.timings.measured("clock"):
                 self.clock_search.add_image(sensors.seconds(frame.stamp), frame.image)
         if segment is None:
             with self.timings.measured("start"):
                 segments.try_start(now)
-        elif not self._carried_on(segment, now):
+        elif not self._carried_on(segment, now, due):
             return
         if segments.current is not None:
             segments.last_status = segments.current.report(now, found)
         self._stages.forget(now.time - self._kept)
 
-    def _searched(self, frame: Frame, now: FrameTime) -> list[int]:
+    def _searched(self, frame: Frame, now: FrameTime, at_state: bool) -> list[int]:
         """Look for the lines where they are predicted; the ids of those that were found."""
         stages, segment = self._stages, self._segments.current
         detect_every: float | None = self.config.tracks.detection_interval - TIME_TOLERANCE
         if segment is not None:
             # At a state it costs little time: the smoother works meanwhile.
-            at_state = segment.is_state_due(now.time)
             detect_every = segment.detection_interval - TIME_TOLERANCE if at_state else None
         expected, rows = predicted(stages, segment, now), row_motion(stages, segment, now)
         return stages.front_end.process(frame, now.time, expected, detect_every, rows)
 
-    def _carried_on(self, segment: TrajectorySegment, now: FrameTime) -> bool:
+    def _carried_on(self, segment: TrajectorySegment, now: FrameTime, due: bool) -> bool:
         """Give the segment a state at a frame, if one is due; whether it goes on."""
-        due = segment.is_state_due(now.time)
         if due or segment.rest_phase.of_state:
             segment.look(now.time)
         if not due:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from reported_errors import ReportedErrors, TruthSigma, reported_errors, segments_of, trajectory_of
 from ruledgraph.calibration import read_calibration
 from ruledgraph.calibration.sensors import CameraModel
-from ruledgraph.core.estimates import Estimate
+from ruledgraph.core.estimates import Estimate, nis_per_dof
 from ruledgraph.core.measurements import Frame
 from ruledgraph.core.settings import load_config
 from ruledgraph.core.trajectory import Trajectory
@@ -146,14 +146,8 @@ def run_from(recorded: Recorded, duration: float | None, begin: float) -> Run:
         beyond=of_reports.beyond if of_reports else None,
         unreported=of_reports.unreported if of_reports else None,
         nees=of_reports.nees if of_reports else None,
-        nis=_nis(live),
+        nis=nis_per_dof(e.innovation for e in live if e.innovation),
     )
-
-
-def _nis(live: Sequence[Estimate]) -> float | None:
-    found = [e.innovation for e in live if e.innovation]
-    dof = sum(innovation.dof for innovation in found)
-    return sum(innovation.nis for innovation in found) / dof if dof else None
 
 
 def changed_camera(camera: CameraModel, recorded: Recorded) -> CameraModel:

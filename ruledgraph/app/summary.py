@@ -14,7 +14,7 @@ from ruledgraph.app.found_calibration import calibration_summary
 from ruledgraph.app.solvers import AnyOdometry, Solver
 from ruledgraph.app.steps import Step
 from ruledgraph.core.errors import RuledgraphError
-from ruledgraph.core.estimates import Innovation
+from ruledgraph.core.estimates import Innovation, nis_per_dof
 from ruledgraph.core.trajectory import read_tum
 from ruledgraph.core.versions import machine_text, version_text
 from ruledgraph.evaluation import accuracy, matched
@@ -109,7 +109,10 @@ def figures(
         "lines": tally.map_lines,
         "line_sightings": tally.line_sightings,
         "lines_in_view": tally.lines_in_view / max(tally.estimates, 1),
-        "innovations": _innovations(tally.innovations),
+        "innovations": {
+            "states": len(tally.innovations),
+            "nis_per_dof": nis_per_dof(tally.innovations),
+        },
         "edge_sigma_px": median(tally.edge_sigmas_px) if tally.edge_sigmas_px else None,
         "recoveries": odometry.recoveries,
         "warnings": told[:_MAX_WARNINGS],
@@ -136,13 +139,6 @@ def write_ground_truth(folder: Path, ground_truth: GroundTruth) -> None:
         _, known = matched(read_tum(folder / "trajectory_live.tum"), ground_truth)
         if known.quaternions is not None:
             known.trajectory.write_tum(folder / "ground_truth.tum")
-
-
-def _innovations(of_states: Sequence[Innovation]) -> dict[str, Any]:
-    """How many states have one, and their mean NIS per degree of freedom; None without any."""
-    dof = sum(innovation.dof for innovation in of_states)
-    nis = sum(innovation.nis for innovation in of_states)
-    return {"states": len(of_states), "nis_per_dof": nis / dof if dof else None}
 
 
 def _stages(odometry: AnyOdometry) -> dict[str, Any]:

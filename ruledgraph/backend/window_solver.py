@@ -73,11 +73,8 @@ class WindowSolver:
                 self._solve(update)
                 self._line_map.keep_only(update.times)
                 return
-            except (
-                SmootherError,
-                np.linalg.LinAlgError,
-            ):  # the latter of a covariance that is none
-                continue
+            except (SmootherError, np.linalg.LinAlgError):
+                continue  # the latter where a covariance is none
         self.has_failed = True
 
     def _read_covariances(self) -> None:

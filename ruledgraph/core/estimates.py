@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What comes out of an odometry: estimates of frames, and lines."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeAlias
 
@@ -34,6 +35,13 @@ class Innovation(NamedTuple):
     """Directions of the state that they observe."""
     since: float
     """Time of the state that is carried, s."""
+
+
+def nis_per_dof(innovations: Iterable[Innovation]) -> float | None:
+    """Their mean NIS per degree of freedom, 1 where the noise figures are right; None of none."""
+    found = list(innovations)
+    dof = sum(innovation.dof for innovation in found)
+    return sum(innovation.nis for innovation in found) / dof if dof else None
 
 
 Status = Literal["tracking", "still", "dead reckoning", "degraded"]

@@ -225,7 +225,7 @@ def test_an_imu_sample_with_a_stamp_far_ahead_is_dropped():
     assert ate(live, small_simulation()) < 0.02
 
 
-def test_in_live_use_too():
+def test_a_live_stream_waits_for_another_sample_as_far_ahead():
     checks, sample = ImuStream(), ImuSample(0, np.zeros(3), np.array([0.0, 0.0, 9.81]))
     hour = 3600 * 10**9
     for stamp in (0, 5 * 10**6, hour, 10**7, 15 * 10**6, hour, hour + 5 * 10**6):
