@@ -30,10 +30,22 @@ class CameraClock:
         sigma = config.sigma if config.estimate else 0.0
         self.offset = TimeOffset(calibrated, sigma)
         """t_imu - t_cam, s, as last known; sigma 0 when it is not estimated."""
+        self._start_sigma = config.sigma
         self._config = config
         self._sensors = sensors
         self._calibrated = calibrated
         self._warnings = warnings
+
+    @property
+    def start_prior(self) -> TimeOffset | None:
+        """How much later than their times the frames of a start may have been taken; None where the
+        offset is not estimated.
+        """
+        return TimeOffset(0.0, self._start_sigma) if self._config.estimate else None
+
+    def narrow_start_prior(self, sigma: float) -> None:
+        """The offset by which frames are timed is known this well by now, s."""
+        self._start_sigma = min(sigma, self._start_sigma)
 
     def update(self, offset: TimeOffset | None, confirmed: bool) -> None:
         """Take in an estimate, counted from the calibration's, if its start is confirmed; frames to

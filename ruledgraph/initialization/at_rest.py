@@ -7,13 +7,19 @@ import numpy as np
 
 from ruledgraph.backend.start import Start
 from ruledgraph.core.config import Config
+from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.initialization.prior import Refusal, pose_covariance, unknown_offset
+from ruledgraph.initialization.prior import Refusal, pose_covariance
 from ruledgraph_factors import level_attitude
 
 
 def start_at_rest(
-    imu: ImuBuffer, stamp: int, start: float, stop: float, config: Config
+    imu: ImuBuffer,
+    stamp: int,
+    start: float,
+    stop: float,
+    config: Config,
+    time_offset: TimeOffset | None = None,
 ) -> Start | Refusal:
     """Gravity from the mean specific force, gyroscope bias from the mean rate.
 
@@ -23,6 +29,7 @@ def start_at_rest(
         start: of the rest, s.
         stop: of the rest, s.
         config: all settings.
+        time_offset: how much later than its time the frame may have been taken; None: it is known.
     """
     samples = imu.between(start, stop)
     force, gravity = samples.accelerometer.mean(axis=0), config.imu.gravity
@@ -42,5 +49,5 @@ def start_at_rest(
         velocity_sigma=config.start.rest_velocity_sigma,
         bias_sigmas=np.repeat([a, config.start.rest_gyroscope_sigma], 3),
         lines={},
-        time_offset=unknown_offset(config),
+        time_offset=time_offset,
     )

@@ -21,7 +21,6 @@ from ruledgraph.initialization.batch_problem import (
 from ruledgraph.initialization.first_window import FirstWindow
 from ruledgraph.initialization.initial_values import InitialValues
 from ruledgraph.initialization.levenberg_marquardt import minimized
-from ruledgraph.initialization.prior import unknown_offset
 from ruledgraph_factors import FactorError, triangulate_line
 
 # A line is replaced by one that is triangulated anew when its error falls by more.
@@ -57,7 +56,7 @@ class Batch:
         state.insert(POSE, gtsam.Pose3(initial.attitude, np.zeros(3)))
         state.insert(VELOCITY, initial.velocity)
         state.insert(BIAS, initial.bias)
-        if unknown_offset(window.config) is not None:
+        if window.time_offset is not None:
             state.insert(TIME, 0.0)
         self._at = Estimate(state, np.zeros((len(self._charts), 4)))
         self.solve(cauchy_px, effort)

@@ -12,7 +12,7 @@ from gtsam import noiseModel
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.initialization.bordered_system import BorderedSystem
 from ruledgraph.initialization.first_window import FirstWindow
-from ruledgraph.initialization.prior import pose_covariance, unknown_offset
+from ruledgraph.initialization.prior import pose_covariance
 from ruledgraph_factors import NEW_LINE_SIGMAS, LineChart, RuledSurfaceSpec, State
 from ruledgraph_factors.robust_lines import RobustLines
 
@@ -61,7 +61,7 @@ class BatchProblem:
         chunk: int,
     ) -> None:
         self._gravity = window.config.imu.gravity_in_world
-        offset = unknown_offset(window.config)
+        offset = window.time_offset
         self.motion = window.motion(bias, with_time=offset is not None)
         self._priors = gtsam.NonlinearFactorGraph()
         tilt = noiseModel.Gaussian.Covariance(pose_covariance(upright, window.config.start.tilt))

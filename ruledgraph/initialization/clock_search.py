@@ -14,6 +14,7 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.messages import Messages
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
+from ruledgraph.imu.camera_clock import CameraClock
 from ruledgraph.initialization.clock_offset import ClockOffset, ClockOffsetFinder, covered
 from ruledgraph.initialization.mounting_check import check_mounting
 from ruledgraph.initialization.readout_search import ReadoutSearch
@@ -26,9 +27,9 @@ _SIGNIFICANT = 3.0
 class ClockSearch:
     """Looks for the clock offset until the images of a segment have shown it."""
 
-    def __init__(self, mounting: CameraMounting, config: Config, warnings: Messages) -> None:
-        self.config = config
-        """All settings, the offset's standard deviation being what is left after one was found."""
+    def __init__(
+        self, mounting: CameraMounting, clock: CameraClock, config: Config, warnings: Messages
+    ) -> None:
         self.found: ClockOffset | None = None
         """The last one, whether used or not."""
         self.used = False
@@ -38,10 +39,11 @@ class ClockSearch:
         self.rotation_replaced = False
         """Whether the last search has replaced the calibration's rotation of the camera."""
         self._mounting = mounting
+        self._clock = clock
+        self._config = config
         self._warnings = warnings
         self._finder: ClockOffsetFinder | None = None
         self._checked = False
-        self._known = mounting.calibration.time_offset
         self._latest = -np.inf
         self._begun = np.inf
         self.restart()
@@ -51,8 +53,8 @@ class ClockSearch:
     def restart(self) -> None:
         """A segment has ended."""
         self._begun = np.inf
-        if self.config.time_offset.estimate or not self._checked:
-            bias_sigma = self.config.start.gyroscope_bias
+        if self._config.time_offset.estimate or not self._checked:
+            bias_sigma = self._config.start.gyroscope_bias
             self._finder = ClockOffsetFinder(self._mounting.calibration, bias_sigma)
 
     def add_image(self, time: float, image: NDArray[np.uint8]) -> None:
@@ -75,7 +77,7 @@ class ClockSearch:
                 images of a plane turn in two ways equally well (that of the camera, and one that
                 explains the translation).
         """
-        self._known, self.rotation_replaced = known.value, False
+        self.rotation_replaced = False
         found = self._search(imu, known, by_window)
         self.readout.search(imu, self.found and self.found.value)
         return found
@@ -84,15 +86,17 @@ class ClockSearch:
         """Whether an offset that a start has found, s, contradicts what is known, while images may
         show it: those of as long as the longest first window.
         """
-        if self._finder is None or self._latest - self._begun >= self.config.start.longest:
+        if self._finder is None or self._latest - self._begun >= self._config.start.longest:
             return False
-        return abs(offset - self._known) > _SIGNIFICANT * self.config.time_offset.sigma
+        prior = self._clock.start_prior
+        known = self._clock.offset.value
+        return prior is not None and abs(offset - known) > _SIGNIFICANT * prior.sigma
 
     def _search(self, imu: ImuBuffer, known: TimeOffset, by_window: bool) -> TimeOffset | None:
         if self._finder is None:
             return None
         samples = imu.between(-np.inf, np.inf)
-        is_exact = not self.config.time_offset.estimate
+        is_exact = not self._config.time_offset.estimate
         found = None if is_exact else self._finder.find(samples)
         if found is None:
             self._check_mounting(self._finder, samples)
@@ -106,9 +110,7 @@ class ClockSearch:
         differs = abs(change) >= _SIGNIFICANT * np.hypot(found.sigma, known.sigma)
         # What stands is known as well as that.
         sigma = found.sigma if differs else float(np.hypot(found.sigma, change))
-        sigma = min(sigma, self.config.time_offset.sigma)
-        time_offset = self.config.time_offset.model_copy(update={"sigma": sigma})
-        self.config = self.config.model_copy(update={"time_offset": time_offset})
+        self._clock.narrow_start_prior(sigma)
         if not differs:
             return None
         self.used = True
@@ -124,12 +126,12 @@ class ClockSearch:
             return
         calibration = self._mounting.calibration
         pairs = covered(finder.pairs, samples, calibration.time_offset)
-        bias_sigma = self.config.start.gyroscope_bias
+        bias_sigma = self._config.start.gyroscope_bias
         check = check_mounting(pairs, samples, calibration, bias_sigma)
         self._checked = check is not None
         if check is not None and check.wrong:
             self._warnings.append(check.text)
-            if self.config.extrinsics.from_images and not check.is_mirrored:
+            if self._config.extrinsics.from_images and not check.is_mirrored:
                 self._mounting.set_rotation(check.other_body_R_cam)
                 self.rotation_replaced = True
                 self.restart()

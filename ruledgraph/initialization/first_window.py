@@ -14,6 +14,7 @@ from ruledgraph.backend.line_factors import compressed_points
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack, Sighting
+from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph_factors import FrameMotion, GeometricPoints, ImuSamples, preintegrate_frames
 from ruledgraph_factors.closed_form import Planes
 
@@ -37,6 +38,8 @@ class FirstWindow:
     seen: Sequence[Seen]
     calibration: Calibration
     config: Config
+    time_offset: TimeOffset | None = None
+    """How much later than their times the frames may have been taken; None: it is known."""
     edge_variance: float = 1.0
     """Of edge points, over that of `edges.sigma_px`."""
 

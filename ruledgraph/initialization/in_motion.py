@@ -19,6 +19,7 @@ from ruledgraph.core.config import Config, StartConfig
 from ruledgraph.core.line_observations import LineTrack
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
+from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.initialization.batch import ROUGH, Batch
 from ruledgraph.initialization.first_window import FirstWindow, Seen
 from ruledgraph.initialization.initial_values import (
@@ -26,11 +27,7 @@ from ruledgraph.initialization.initial_values import (
     at_distance,
     from_closed_form,
 )
-from ruledgraph.initialization.prior import (
-    Refusal,
-    pose_covariance,
-    unknown_offset,
-)
+from ruledgraph.initialization.prior import Refusal, pose_covariance
 from ruledgraph_factors import FactorError
 from ruledgraph_factors.closed_form import Planes, closed_form, gyroscope_bias
 
@@ -50,11 +47,11 @@ _STATE_DOF = 11
 
 def start_in_motion(
     imu: ImuBuffer,
-    stamps: Sequence[int],
-    times: Sequence[float],
+    frames: Sequence[FrameTime],
     tracks: Sequence[LineTrack],
     calibration: Calibration,
     config: Config,
+    time_offset: TimeOffset | None = None,
     focal_ratio: float = 1.0,
 ) -> Start | Refusal:
     """The state at the first of some frames from line tracks and IMU.
@@ -64,15 +61,16 @@ def start_in_motion(
 
     Args:
         imu: samples that cover the frames.
-        stamps: of the frames, ns.
-        times: of the frames, s.
+        frames: at least two.
         tracks: lines that were seen in them.
         calibration: of camera and IMU.
         config: all settings.
+        time_offset: how much later than their times the frames may have been taken; None: it is
+            known.
         focal_ratio: of the camera's focal length to the one that tracks were normalised with.
     """
-    step = max(1, -(-len(stamps) // _MAX_FRAMES))
-    index_of_stamp = {stamps[i]: n for n, i in enumerate(range(0, len(stamps), step))}
+    used = frames[:: max(1, -(-len(frames) // _MAX_FRAMES))]
+    index_of_stamp = {frame.stamp: n for n, frame in enumerate(used)}
     least = max(_MIN_SIGHTINGS, _SEEN_SHARE * len(index_of_stamp))
     seen = []
     for track in tracks:
@@ -82,8 +80,8 @@ def start_in_motion(
             seen.append(Seen(track, [index_of_stamp[s.stamp] for s in hits], sightings))
     if len(seen) < _MIN_LINES:
         return Refusal(f"{len(seen)} lines were followed long enough, {_MIN_LINES} are needed")
-    samples = imu.between(times[0], times[-1])
-    window = FirstWindow(samples, list(times[::step]), seen, calibration, config)
+    samples, times = imu.between(frames[0].time, frames[-1].time), [f.time for f in used]
+    window = FirstWindow(samples, times, seen, calibration, config, time_offset)
     try:
         best = solved(window)
     except FactorError as error:
@@ -93,7 +91,7 @@ def start_in_motion(
         best = _sorted(_solved_again(batch, window) for batch in best)
     if not best:
         return Refusal("no start converged")
-    return _accepted(best, window, stamps[0])
+    return _accepted(best, window, frames[0].stamp)
 
 
 def solved(window: FirstWindow) -> list[Batch]:
@@ -189,10 +187,10 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
         return Refusal(
             f"only {len(lines)} lines are in front of the camera, {_MIN_LINES} are needed"
         )
-    offset = unknown_offset(config)
+    offset = window.time_offset
     if offset is not None:
         # As wide as before: the window sees the same points again.
-        offset = TimeOffset(batch.residual_offset, offset.sigma)
+        offset = offset._replace(value=batch.residual_offset)
     return Start(
         stamp=stamp,
         time=window.times[0],

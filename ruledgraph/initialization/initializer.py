@@ -11,6 +11,7 @@ from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.core.config import Config
 from ruledgraph.core.messages import Messages
 from ruledgraph.frontend.front_end import FrontEnd
+from ruledgraph.imu.camera_clock import CameraClock
 from ruledgraph.imu.frame_history import TIME_TOLERANCE, FrameTime
 from ruledgraph.imu.synchronizer import Synchronizer
 from ruledgraph.initialization.at_rest import start_at_rest
@@ -32,27 +33,33 @@ class Initializer:
 
     Args:
         mounting: with the calibration of camera and IMU.
-        clock_search: of the time offset, which also holds the settings.
+        clock: of the camera.
+        clock_search: of the time offset, by how the images turn.
         sensors: the IMU samples and the times of the frames.
         front_end: with the line tracks.
         rest_detector: detects whether the body is at rest.
+        config: all settings.
         warnings: where to say why an attempt failed.
     """
 
     def __init__(
         self,
         mounting: CameraMounting,
+        clock: CameraClock,
         clock_search: ClockSearch,
         sensors: Synchronizer,
         front_end: FrontEnd,
         rest_detector: RestDetector,
+        config: Config,
         warnings: Messages,
     ) -> None:
         self._mounting = mounting
+        self._clock = clock
         self._clock_search = clock_search
         self._sensors = sensors
         self._front_end = front_end
         self._rest_detector = rest_detector
+        self._config = config
         self._warnings = warnings
         self._last_attempt = -np.inf
         self._retimed = False
@@ -66,11 +73,6 @@ class Initializer:
     def is_due(self, time: float) -> bool:
         """Whether it is time for another attempt, s."""
         return time - self._last_attempt >= self._config.start.between_attempts - TIME_TOLERANCE
-
-    @property
-    def _config(self) -> Config:
-        """With what is known of the time offset by now."""
-        return self._clock_search.config
 
     def attempt(self, now: FrameTime) -> FirstFrames | None:
         """A start at the latest frame, if what was seen allows one; says why if it does not."""
@@ -113,8 +115,8 @@ class Initializer:
 
     def _at_rest(self, now: FrameTime) -> Start | Refusal:
         self._last_attempt = now.time
-        since = now.time - self._config.rest.duration
-        return start_at_rest(self._sensors.imu, now.stamp, since, now.time, self._config)
+        since, prior = now.time - self._config.rest.duration, self._clock.start_prior
+        return start_at_rest(self._sensors.imu, now.stamp, since, now.time, self._config, prior)
 
     def _in_motion(self, now: FrameTime) -> Start | Refusal | None:
         """Over the longest window that there is, which has the most information, or else over the
@@ -134,10 +136,15 @@ class Initializer:
                 continue
             self._last_attempt = now.time
             used = frames.since(now.time - length)
-            stamps, times = [f.stamp for f in used], [f.time for f in used]
-            tracks, calibration = self._front_end.observed(), self._mounting.calibration
-            ratio = self._mounting.ratio
-            found = start_in_motion(imu, stamps, times, tracks, calibration, self._config, ratio)
+            found = start_in_motion(
+                imu,
+                used,
+                self._front_end.observed(),
+                self._mounting.calibration,
+                self._config,
+                self._clock.start_prior,
+                self._mounting.ratio,
+            )
             if isinstance(found, Start):
                 return found
             refusal = refusal or found

@@ -8,8 +8,6 @@ import gtsam
 import numpy as np
 
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.core.config import Config
-from ruledgraph.core.time_offset import TimeOffset
 
 # Position and yaw of the first pose are the world's choice: held this tightly (rad, m).
 _GAUGE = 1e-4
@@ -29,8 +27,3 @@ def pose_covariance(attitude: gtsam.Rot3, tilt: float) -> FloatArray:
     covariance[:3, :3] = tilt**2 * (np.eye(3) - np.outer(up, up)) + _GAUGE**2 * np.outer(up, up)
     covariance[3:, 3:] = _GAUGE**2 * np.eye(3)
     return covariance
-
-
-def unknown_offset(config: Config) -> TimeOffset | None:
-    """How much later than their times the frames may have been taken; None: it is not estimated."""
-    return TimeOffset(0.0, config.time_offset.sigma) if config.time_offset.estimate else None

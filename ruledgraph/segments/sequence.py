@@ -28,15 +28,18 @@ class SegmentSequence:
         """Of the last frame."""
         self.last_reliable: ReliableState | None = None
         """The last state whose lines fitted, where the next segment begins."""
-        self.clock_search = ClockSearch(stages.mounting, config, stages.output.warnings)
+        warnings = stages.output.warnings
+        self.clock_search = ClockSearch(stages.mounting, stages.clock, config, warnings)
         """Of the time offset, by how the images turn."""
         self.initializer = Initializer(
             stages.mounting,
+            stages.clock,
             self.clock_search,
             stages.sensors,
             stages.front_end,
             stages.rest_detector,
-            stages.output.warnings,
+            config,
+            warnings,
         )
         self._calibration = calibration
         self._config = config
@@ -59,11 +62,6 @@ class SegmentSequence:
         """Whether there is a segment whose start is accepted."""
         return self.current is not None and self.current.confirmed
 
-    @property
-    def _mounted(self) -> Calibration:
-        """The calibration with the camera's pose and readout as they are known by now."""
-        return self._stages.mounting.calibration
-
     # -- beginning -------------------------------------------------------------------------------
 
     def try_start(self, now: FrameTime) -> bool:
@@ -78,7 +76,7 @@ class SegmentSequence:
             start, gauge_uncertainty = continued(start, self.last_reliable, self._config.integrity)
         self.current = TrajectorySegment(
             self._count,
-            self._mounted,
+            self._stages.mounting.calibration,
             self._config,
             self._stages,
             start,

@@ -10,6 +10,7 @@ from gtsam import noiseModel
 from ideal_tracks import CALIBRATION, ideal_tracks
 from ruledgraph.backend.line_factors import compressed_points
 from ruledgraph.core.config import Config
+from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.initialization.batch_problem import (
     BIAS,
     POSE,
@@ -28,7 +29,7 @@ from ruledgraph_factors import (
 )
 from simulated_window import hand_held
 
-CHUNK, CAUCHY_PX = 4, 2.0
+CHUNK, CAUCHY_PX, TIME_SIGMA = 4, 2.0, 0.01
 
 
 class Case:
@@ -38,10 +39,10 @@ class Case:
         made = ideal_tracks(seed, hand_held(np.random.default_rng(seed)), rate=15.0, duration=1.0)
         frames = list(range(len(made.times)))
         seen = [Seen(track, frames, list(track.sightings)) for track in made.tracks]
-        config = Config().for_time_offset(exact=not timed)
+        config, offset = Config(), TimeOffset(0.0, TIME_SIGMA) if timed else None
         samples = made.imu.between(made.times[0], made.times[-1])
         self.timed = timed
-        self.window = FirstWindow(samples, made.times.tolist(), seen, CALIBRATION, config)
+        self.window = FirstWindow(samples, made.times.tolist(), seen, CALIBRATION, config, offset)
         camera = CALIBRATION.body_T_cam
         self.charts = [line_from_ruling(camera, s.sightings[0].points, 0.5) for s in seen]
         self.upright = gtsam.Rot3.Ypr(0.0, 0.1, -0.2)
@@ -74,7 +75,7 @@ class Case:
         small = noiseModel.Diagonal.Sigmas(config.start.bias_sigmas)
         graph.addPriorConstantBias(BIAS, gtsam.imuBias.ConstantBias(), small)
         if self.timed:
-            known = noiseModel.Isotropic.Sigma(1, config.time_offset.sigma)
+            known = noiseModel.Isotropic.Sigma(1, TIME_SIGMA)
             graph.addPriorDouble(TIME, 0.0, known)
         for i in range(len(self.charts)):
             wide = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))

@@ -10,11 +10,20 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.messages import Messages
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
+from ruledgraph.imu.camera_clock import CameraClock
+from ruledgraph.imu.synchronizer import Synchronizer
 from ruledgraph.initialization.clock_offset import ClockOffset, ClockOffsetFinder
 from ruledgraph.initialization.clock_search import ClockSearch
 from ruledgraph.simulation import D435I
 
 FOUND = ClockOffset(0.044, 0.008, np.zeros(3), np.zeros(3))
+
+
+def search_and_clock(warnings: Messages) -> tuple[ClockSearch, CameraClock]:
+    config, sensors = Config(), Synchronizer(D435I, warnings)
+    clock = CameraClock(sensors, D435I.time_offset, config.time_offset, warnings)
+    mounting = CameraMounting(D435I, config, warnings)
+    return ClockSearch(mounting, clock, config, warnings), clock
 
 
 @pytest.mark.parametrize(
@@ -32,11 +41,17 @@ def test_what_the_images_say_is_used(known, by_window, used, monkeypatch):
     imu, warnings = ImuBuffer(), Messages()
     for time in (0.0, 0.005):
         imu.append(time, np.full(3, time), np.array([0.0, 0.0, 9.81]))
-    config = Config()
-    search = ClockSearch(CameraMounting(D435I, config, warnings), config, warnings)
+    search, clock = search_and_clock(warnings)
     result = search.search(imu, known, by_window)
     assert (result is not None) == used == search.used == bool(warnings)
     assert search.found is FOUND
+    prior = clock.start_prior
+    assert prior is not None
+    # What stands is known as well as the other one is far from it.
+    left_over = FOUND.sigma if used else np.hypot(FOUND.sigma, FOUND.value - known.value)
+    kept = known.sigma < FOUND.sigma and by_window
+    widest = Config().time_offset.sigma
+    assert prior.sigma == (widest if kept else pytest.approx(min(left_over, widest)))
     # It is looked for once a segment.
     assert search.search(imu, TimeOffset(0.0, 0.0), False) is None
 
@@ -45,8 +60,7 @@ def test_images_that_are_processed_anew_tell_nothing_new(monkeypatch):
     """Neither do they to a search that has begun again since."""
     added: list[float] = []
     monkeypatch.setattr(ClockOffsetFinder, "add_image", lambda _self, time, _: added.append(time))
-    warnings, config = Messages(), Config()
-    search = ClockSearch(CameraMounting(D435I, config, warnings), config, warnings)
+    search, _ = search_and_clock(Messages())
     image = np.zeros((2, 2), np.uint8)
     for time in (0.0, 0.1):
         search.add_image(time, image)
@@ -57,15 +71,15 @@ def test_images_that_are_processed_anew_tell_nothing_new(monkeypatch):
 
 
 def test_an_offset_far_from_what_is_known_is_doubted_while_images_may_show_it(monkeypatch):
-    imu, warnings, config = ImuBuffer(), Messages(), Config()
+    imu = ImuBuffer()
     for time in (0.0, 0.005):
         imu.append(time, np.full(3, time), np.array([0.0, 0.0, 9.81]))
-    search = ClockSearch(CameraMounting(D435I, config, warnings), config, warnings)
-    three_sigma = 3.0 * config.time_offset.sigma
+    search, clock = search_and_clock(Messages())
+    three_sigma = 3.0 * Config().time_offset.sigma
     known = D435I.time_offset
     assert not search.contradicts_known(known + 0.99 * three_sigma)
     assert search.contradicts_known(known - 1.01 * three_sigma)
-    search.search(imu, TimeOffset(0.02, 0.0), False)
+    clock.offset = TimeOffset(0.02, 0.0)
     assert not search.contradicts_known(0.02 + 0.99 * three_sigma)
     assert search.contradicts_known(0.02 + 1.01 * three_sigma)
     # Until images of as long as a first window have not shown it, or they have.
@@ -77,5 +91,5 @@ def test_an_offset_far_from_what_is_known_is_doubted_while_images_may_show_it(mo
     search.add_image(3.7, image)
     assert search.contradicts_known(0.1)
     monkeypatch.setattr(ClockOffsetFinder, "find", lambda _self, _samples: FOUND)
-    search.search(imu, TimeOffset(0.0, 0.0), False)
+    search.search(imu, clock.offset, False)
     assert not search.contradicts_known(0.1)

@@ -12,6 +12,8 @@ import ruledgraph.initialization.in_motion
 from ideal_tracks import CALIBRATION, MANY, IdealTracks, ideal_tracks, sighting
 from ruledgraph.backend.start import Start
 from ruledgraph.core.config import Config
+from ruledgraph.core.time_offset import TimeOffset
+from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.initialization.batch import Batch
 from ruledgraph.initialization.first_window import FirstWindow, Seen
 from ruledgraph.initialization.in_motion import solved, start_in_motion
@@ -20,6 +22,8 @@ from ruledgraph.simulation import SplineMotion
 from simulated_window import SEGMENTS, hand_held
 
 UP = np.array([0.0, 0.0, 1.0])
+# Of the time offset, s.
+PRIOR = TimeOffset(0.0, Config().time_offset.sigma)
 
 
 def in_motion(
@@ -40,8 +44,13 @@ def in_motion(
 
 def begun(made: IdealTracks, config: Config | None = None) -> Start | Refusal:
     return start_in_motion(
-        made.imu, made.stamps, made.times.tolist(), made.tracks, CALIBRATION, config or Config()
+        made.imu, frames_of(made), made.tracks, CALIBRATION, config or Config(), PRIOR
     )
+
+
+def frames_of(made: IdealTracks) -> list[FrameTime]:
+    both = zip(made.stamps, made.times.tolist(), strict=True)
+    return [FrameTime(stamp, time) for stamp, time in both]
 
 
 def test_tracks_of_another_focal_length_make_the_same_start():
@@ -51,14 +60,14 @@ def test_tracks_of_another_focal_length_make_the_same_start():
         track._replace(sightings=[s.with_focal_ratio(1.0 / 1.04) for s in track.sightings])
         for track in made.tracks
     ]
-    rest = made.imu, made.stamps, made.times.tolist()
-    own = start_in_motion(*rest, made.tracks, CALIBRATION, Config())
-    other = start_in_motion(*rest, longer, CALIBRATION, Config(), focal_ratio=1.04)
+    rest = CALIBRATION, Config(), PRIOR
+    own = start_in_motion(made.imu, frames_of(made), made.tracks, *rest)
+    other = start_in_motion(made.imu, frames_of(made), longer, *rest, focal_ratio=1.04)
     assert isinstance(own, Start)
     assert isinstance(other, Start)
     np.testing.assert_allclose(other.state.velocity(), own.state.velocity(), atol=1e-4)
     assert other.state.pose().equals(own.state.pose(), 1e-4)
-    wrong = start_in_motion(*rest, longer, CALIBRATION, Config())
+    wrong = start_in_motion(made.imu, frames_of(made), longer, *rest)
     assert isinstance(wrong, Refusal) or not wrong.state.pose().equals(own.state.pose(), 1e-3)
 
 
@@ -66,7 +75,7 @@ def window_of(made: IdealTracks) -> FirstWindow:
     frames = list(range(len(made.times)))
     seen = [Seen(track, frames, list(track.sightings)) for track in made.tracks]
     samples = made.imu.between(made.times[0], made.times[-1])
-    return FirstWindow(samples, made.times.tolist(), seen, CALIBRATION, Config())
+    return FirstWindow(samples, made.times.tolist(), seen, CALIBRATION, Config(), PRIOR)
 
 
 @pytest.fixture(scope="module")

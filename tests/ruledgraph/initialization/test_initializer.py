@@ -10,6 +10,7 @@ from ideal_tracks import CALIBRATION, IdealTracks, at_rest, ideal_tracks
 from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.core.config import Config
 from ruledgraph.core.output import Output
+from ruledgraph.imu.camera_clock import CameraClock
 from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.imu.synchronizer import Synchronizer
 from ruledgraph.initialization import initializer as module
@@ -37,9 +38,11 @@ class Run:
 
         rest = RestDetector(self.sensors.imu, self.sensors.frames, lines_moved, config.rest)
         mounting = CameraMounting(CALIBRATION, config, self.output.warnings)
-        clock_search = ClockSearch(mounting, config, self.output.warnings)
+        warnings, given = self.output.warnings, CALIBRATION.time_offset
+        clock = CameraClock(self.sensors, given, config.time_offset, warnings)
+        clock_search = ClockSearch(mounting, clock, config, warnings)
         self.initializer = Initializer(
-            mounting, clock_search, self.sensors, front_end, rest, self.output.warnings
+            mounting, clock, clock_search, self.sensors, front_end, rest, config, warnings
         )
         both = zip(made.stamps, made.times.tolist(), strict=True)
         self._frames = [FrameTime(stamp, time) for stamp, time in both]
@@ -62,10 +65,9 @@ def moving():
 def test_no_attempt_before_there_is_a_window_and_then_at_intervals(moving, monkeypatch):
     lengths, tried = [], []
 
-    def refused(*arguments):
-        times = arguments[2]
-        tried.append(times[-1])
-        lengths.append(times[-1] - times[0])
+    def refused(_imu, frames, *_):
+        tried.append(frames[-1].time)
+        lengths.append(frames[-1].time - frames[0].time)
         return Refusal("none")
 
     monkeypatch.setattr(module, "start_in_motion", refused)
