@@ -11,7 +11,7 @@ had a global shutter. `frames` is the share with an estimate, the least of the s
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ import numpy as np
 from ruledgraph.app.batch.cluster import in_parallel
 from ruledgraph.app.batch.jobs import Job, plan
 from ruledgraph.app.batch.work import Outcome, run_job
+from ruledgraph.app.input_options import InputOptions
 
 _READOUTS = (0, 10, 20, 30)
 _SECONDS, _RATE = 8, 30
@@ -40,17 +41,8 @@ class Case:
 def jobs_of(case: Case, seeds: int) -> list[Job]:
     """Its runs."""
     options = f"rate={_RATE}&duration={_SECONDS}&readout={1e-3 * case.ms:g}"
-    jobs = plan(
-        [f"sim:{case.scene}?{options}"],
-        config_file=None,
-        settings=(),
-        seeds=seeds,
-        calibration=(),
-        ground_truth=None,
-        camera=None,
-        imu=None,
-    )
-    return jobs if case.is_known else [replace(job, readout=0.0) for job in jobs]
+    inputs = InputOptions(readout=None if case.is_known else 0.0)
+    return plan([f"sim:{case.scene}?{options}"], inputs, seeds=seeds)
 
 
 def row(case: Case, outcomes: Sequence[Outcome]) -> list[str]:

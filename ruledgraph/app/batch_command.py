@@ -17,6 +17,7 @@ from ruledgraph.app.batch.cluster import run_all
 from ruledgraph.app.batch.jobs import Job, plan
 from ruledgraph.app.batch.store import Store
 from ruledgraph.app.batch.work import Outcome
+from ruledgraph.app.input_options import InputOptions
 from ruledgraph.app.summary_text import short_text
 
 # Exit code after Ctrl-C, as shells say it.
@@ -26,11 +27,6 @@ _INTERRUPTED = 130
 def batch_command(
     recordings: Sequence[str],
     *,
-    calibration_files: Sequence[Path],
-    camera: str | None,
-    imu: str | None,
-    readout: float | None,
-    ground_truth: str | None,
     config_file: Path | None,
     settings: Sequence[str],
     seeds: int,
@@ -38,21 +34,11 @@ def batch_command(
     scheduler: str | None,
     output: Path,
     force: bool,
-    **choice: Any,
+    **inputs: Any,
 ) -> None:
     """See `ruledgraph batch --help`."""
-    jobs = plan(
-        recordings,
-        config_file=config_file,
-        settings=settings,
-        seeds=seeds,
-        calibration=[str(file) for file in calibration_files],
-        ground_truth=ground_truth,
-        camera=camera,
-        imu=imu,
-        choice=choice,
-        readout=readout,
-    )
+    options = InputOptions.taken_from(inputs)
+    jobs = plan(recordings, options, config_file=config_file, settings=settings, seeds=seeds)
     smooth_jobs(jobs, output, partial(run_all, workers=workers, scheduler=scheduler), force=force)
 
 

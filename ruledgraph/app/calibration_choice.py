@@ -19,7 +19,6 @@ def calibration_for(
     files: Sequence[Path],
     camera: str | None,
     imu: str | None,
-    readout: float | None = None,
 ) -> Calibration:
     """The calibration of the command line's options; an ASL folder brings its own, and a bag may.
 
@@ -28,7 +27,7 @@ def calibration_for(
     """
     if files or recording.kind == "asl":
         topic = recording.image_topic.name if recording.image_topic else None
-        return calibration_of_files(files or [path], topic, camera, imu, readout)
+        return calibration_of_files(files or [path], topic, camera, imu)
     wanted = "pass --calibration FILE, such as Kalibr's camchain with T_cam_imu"
     try:
         model, body_T_cam = recorded_camera(recording)
@@ -48,8 +47,7 @@ def calibration_for(
         "warning: camera_info and /tf_static are taken for the calibration; Kalibr's is better",
         err=True,
     )
-    calibration = Calibration(model, body_T_cam, _typical_noise(imu))
-    return calibration if readout is None else calibration.with_readout(readout)
+    return Calibration(model, body_T_cam, _typical_noise(imu))
 
 
 def calibration_of_files(

@@ -133,11 +133,6 @@ def force_option(command: _Command) -> _Command:
     )(command)
 
 
-def filled(text: str, folder: Path, stem: str) -> str:
-    """A name in which `{folder}` and `{stem}` stand for those of a recording."""
-    return text.replace("{folder}", str(folder)).replace("{stem}", stem)
-
-
 def make_way(*paths: Path, inputs: Iterable[Path] = ()) -> None:
     """Remove files, and folders that hold a recording or a run's results, for new ones.
 

@@ -3,7 +3,6 @@
 """`ruledgraph smooth`: finds what it needs, runs it, and says what came of it."""
 
 import ctypes
-import dataclasses
 import signal
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -14,7 +13,7 @@ from typing import Any
 import click
 import cv2
 
-from ruledgraph.app.calibration_choice import calibration_for
+from ruledgraph.app.input_options import InputOptions
 from ruledgraph.app.options import make_way, make_way_for_results
 from ruledgraph.app.outputs import Outputs
 from ruledgraph.app.progress import progress_bar
@@ -47,28 +46,29 @@ def smooth_command(recording: Path, options: SmoothOptions) -> None:
     """See `ruledgraph smooth --help`."""
     _check_solver(options)
     config = load_config(options.config_file, options.settings)
-    reader = open_recording(recording, **options.choice)
+    reader = open_recording(recording, **options.inputs.choice)
     options = options.of_recording(recording)
-    calibration = _calibration(recording, reader, options)
-    truth = read_ground_truth(options.ground_truth, reader) if options.ground_truth else None
+    inputs = options.inputs
+    calibration = inputs.calibration(recording, reader)
+    truth = read_ground_truth(inputs.ground_truth, reader) if inputs.ground_truth else None
     output = options.output or default_folder(recording)
     files_read = options.files_read(recording)
     if options.force:
         make_way(*options.outputs.replaceable, inputs=files_read)
     with Outputs(options.outputs, calibration) as outputs:
         _tune_process()
-        with progress_bar(_frame_count(reader, options)) as show:
+        with progress_bar(_frame_count(reader, inputs)) as show:
             if options.force:  # not before all else has proved possible
                 make_way_for_results(output, files_read)
             summary = run(
-                _of_its_size(reader.stream(), calibration, options.calibration_files),
+                _of_its_size(reader.stream(), calibration, inputs.calibration_files),
                 calibration,
                 config,
                 output,
                 solver=options.solver,
                 ground_truth=truth,
-                inputs=options.inputs(recording),
-                source=_Recorded(recording, reader, calibration, config, options.choice),
+                inputs={"recording": str(recording), **inputs.summary()},
+                source=_Recorded(recording, reader, calibration, config, inputs.choice),
                 formats=options.formats,
                 observers=[outputs.observe, show],
             )
@@ -113,21 +113,14 @@ def _check_solver(options: SmoothOptions) -> None:
         "--ros2-bag": options.outputs.ros2_bag,
         "--trajectory-format": options.formats,
         "--config and --set": options.config_file or options.settings,
-        "--readout": options.readout,
+        "--readout": options.inputs.readout,
     }
     if unused := next((option for option, value in given.items() if value), None):
         raise click.UsageError(f"{unused}: the paper's solver has none; leave it out")
 
 
-def _calibration(recording: Path, reader: Recording, options: SmoothOptions) -> Calibration:
-    files, readout = options.calibration_files, options.readout
-    found = calibration_for(recording, reader, files, options.camera, options.imu, readout)
-    offset = options.time_offset
-    return found if offset is None else dataclasses.replace(found, time_offset=offset)
-
-
 def _of_its_size(
-    measurements: Iterable[Measurement], calibration: Calibration, files: Sequence[Path]
+    measurements: Iterable[Measurement], calibration: Calibration, files: Sequence[str]
 ) -> Iterator[Measurement]:
     """The same, after a look at the first frame: here the calibration's files are known."""
     rest = iter(measurements)
@@ -136,7 +129,7 @@ def _of_its_size(
             try:
                 check_frame_size(measurement, calibration.camera)
             except RecordingError as error:
-                where = ", ".join(map(str, files)) or "the recording's own calibration"
+                where = ", ".join(files) or "the recording's own calibration"
                 raise RecordingError(f"{where}: {error}") from None
         yield measurement
         if isinstance(measurement, Frame):
@@ -144,9 +137,9 @@ def _of_its_size(
     yield from rest
 
 
-def _frame_count(reader: Recording, options: SmoothOptions) -> int | None:
+def _frame_count(reader: Recording, inputs: InputOptions) -> int | None:
     """How many there are, where that is known beforehand."""
-    if options.is_cropped or not reader.image_topic:
+    if inputs.is_cropped or not reader.image_topic:
         return None
     return reader.image_topic.message_count
 

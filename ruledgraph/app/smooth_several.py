@@ -32,16 +32,9 @@ def smooth_several(recordings: Sequence[Path], options: SmoothOptions) -> None:
         raise click.UsageError(f"{given}: goes with one recording; here are several")
     jobs = plan(
         [str(recording) for recording in recordings],
+        options.inputs,
         config_file=options.config_file,
         settings=options.settings,
-        seeds=1,
-        calibration=[str(file) for file in options.calibration_files],
-        ground_truth=options.ground_truth,
-        camera=options.camera,
-        imu=options.imu,
-        choice=options.choice,
-        time_offset=options.time_offset,
-        readout=options.readout,
         formats=options.formats,
         plots=options.outputs.plots,
     )

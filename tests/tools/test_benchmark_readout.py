@@ -14,8 +14,8 @@ def outcome(ate: float | None) -> Outcome:
 
 def test_only_the_readout_that_is_ignored_is_replaced():
     known, ignored = (jobs_of(Case(SCENES[0], 20, way), 2) for way in (True, False))
-    assert [job.readout for job in known] == [None, None]
-    assert [job.readout for job in ignored] == [0.0, 0.0]
+    assert [job.inputs.readout for job in known] == [None, None]
+    assert [job.inputs.readout for job in ignored] == [0.0, 0.0]
     assert all("readout=0.02" in job.recording for job in known + ignored)
     assert len({job.name for job in known + ignored}) == 4
 

@@ -5,14 +5,14 @@
 import glob
 import hashlib
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl
 
-from ruledgraph.app.options import filled
+from ruledgraph.app.input_options import InputOptions
 from ruledgraph.app.trajectory_files import TrajectoryFormat
 from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError
@@ -44,16 +44,7 @@ class Job:
     seed: int | None
     """Of a simulation."""
     config: Config
-    calibration: tuple[str, ...]
-    ground_truth: str | None
-    camera: str | None = None
-    imu: str | None = None
-    choice: tuple[tuple[str, Any], ...] = ()
-    """Of topics and a stretch of the recording, arguments of `open_recording`."""
-    time_offset: float | None = None
-    """Instead of the calibration's, s."""
-    readout: float | None = None
-    """Of the rows of an image, instead of the calibration's, s."""
+    inputs: InputOptions
     formats: tuple[TrajectoryFormat, ...] = ()
     """Of the trajectories, beside TUM's."""
     plots: bool = False
@@ -75,7 +66,6 @@ class Job:
         return {
             **asdict(self),
             "settings": list(self.settings),
-            "calibration": list(self.calibration),
             "config": config_text(self.config),
         }
 
@@ -89,17 +79,11 @@ def stem(recording: str) -> str:
 
 def plan(
     patterns: Sequence[str],
+    inputs: InputOptions,
     *,
-    config_file: Path | None,
-    settings: Sequence[str],
-    seeds: int,
-    calibration: Sequence[str],
-    ground_truth: str | None,
-    camera: str | None,
-    imu: str | None,
-    choice: Mapping[str, Any] | None = None,
-    time_offset: float | None = None,
-    readout: float | None = None,
+    config_file: Path | None = None,
+    settings: Sequence[str] = (),
+    seeds: int = 1,
     formats: Sequence[TrajectoryFormat] = (),
     plots: bool = False,
 ) -> list[Job]:
@@ -108,17 +92,11 @@ def plan(
     Args:
         patterns: paths, glob patterns, URLs, and simulations as `sim:SCENE:MOTION`; folders stand
             for all recordings in them.
+        inputs: of all runs.
         config_file: settings of all runs.
         settings: `section.key=value`, or several values apart by commas: each is tried, with each
             of the others.
         seeds: simulations are run with so many, from 0 on.
-        calibration: files; `{folder}` and `{stem}` stand for the recording's.
-        ground_truth: file or topic, likewise.
-        camera: which of the calibration's cameras.
-        imu: whose typical noise to take.
-        choice: of topics and a stretch of each recording.
-        time_offset: instead of the calibration's, s.
-        readout: of the rows of an image, likewise.
         formats: of the trajectories, beside TUM's.
         plots: whether to draw pictures.
 
@@ -140,13 +118,7 @@ def plan(
                     settings=tuple(s for s in chosen if s.partition("=")[0] in varied),
                     seed=seed,
                     config=config,
-                    calibration=tuple(_filled(file, recording) for file in calibration),
-                    ground_truth=_filled(ground_truth, recording) if ground_truth else None,
-                    camera=camera,
-                    imu=imu,
-                    choice=tuple((k, v) for k, v in (choice or {}).items() if v is not None),
-                    time_offset=time_offset,
-                    readout=readout,
+                    inputs=inputs.of_recording(Path(recording).parent, stem(recording)),
                     formats=tuple(formats),
                     plots=plots,
                 )
@@ -204,7 +176,3 @@ def _of_folder(path: str) -> list[str]:
 def _values(setting: str) -> list[str]:
     name, equals, values = setting.partition("=")
     return [f"{name.strip()}{equals}{value.strip()}" for value in values.split(",")]
-
-
-def _filled(text: str, recording: str) -> str:
-    return filled(text, Path(recording).parent, stem(recording))

@@ -12,7 +12,6 @@ import cv2
 from scipy.spatial.transform import Rotation
 
 from ruledgraph.app.batch.jobs import SIMULATED, Job, simulation_options, stem
-from ruledgraph.app.calibration_choice import calibration_for
 from ruledgraph.app.outputs import OutputOptions, Outputs
 from ruledgraph.app.runner import Source, run
 from ruledgraph.core.errors import RuledgraphError
@@ -63,7 +62,7 @@ class _Reader(Source):
 
 
 def _run(job: Job, output: Path, folder: Path) -> dict[str, Any]:
-    inputs = {"recording": job.recording, "ground truth": job.ground_truth or ""}
+    about = {"recording": job.recording, **job.inputs.summary()}
     source = Source()
     truth: GroundTruth | None
     measurements: Iterator[Measurement]
@@ -74,25 +73,18 @@ def _run(job: Job, output: Path, folder: Path) -> dict[str, Any]:
         true = simulation.ground_truth
         quaternions = Rotation.from_matrix(true.rotation).as_quat()
         truth = GroundTruth(true.stamps, true.position, quaternions)
-        measurements, calibration = simulation.stream(), simulation.calibration
-        inputs["seed"] = str(job.seed)
+        measurements = simulation.stream()
+        calibration = job.inputs.corrected(simulation.calibration)
+        about["seed"] = str(job.seed)
     else:
         path = _local(job.recording, folder)
-        recording = open_recording(path, **dict(job.choice))
+        recording = open_recording(path, **job.inputs.choice)
         source = _Reader(recording)
-        files = [_local(file, folder) for file in job.calibration]
-        calibration = calibration_for(path, recording, files, job.camera, job.imu)
-        known = job.ground_truth and _local(job.ground_truth, folder)
-        truth = read_ground_truth(str(known), recording) if known else None
+        files = tuple(str(_local(file, folder)) for file in job.inputs.calibration_files)
+        calibration = replace(job.inputs, calibration_files=files).calibration(path, recording)
+        known = job.inputs.ground_truth
+        truth = read_ground_truth(str(_local(known, folder)), recording) if known else None
         measurements = recording.stream()
-        inputs |= {"calibration": ", ".join(job.calibration)}
-        inputs |= {name.replace("_", " "): str(value) for name, value in job.choice}
-    if job.time_offset is not None:
-        calibration = replace(calibration, time_offset=job.time_offset)
-        inputs["time offset"] = str(job.time_offset)
-    if job.readout is not None:
-        calibration = calibration.with_readout(job.readout)
-        inputs["readout"] = str(job.readout)
     with Outputs(OutputOptions(plots=job.plots), calibration) as outputs:
         summary = run(
             measurements,
@@ -100,7 +92,7 @@ def _run(job: Job, output: Path, folder: Path) -> dict[str, Any]:
             job.config,
             output,
             ground_truth=truth,
-            inputs=inputs,
+            inputs=about,
             source=source,
             formats=job.formats,
             observers=[outputs.observe],

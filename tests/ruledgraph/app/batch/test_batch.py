@@ -20,23 +20,19 @@ from ruledgraph.app.batch.jobs import Job, plan
 from ruledgraph.app.batch.store import Store
 from ruledgraph.app.batch.work import Outcome, run_job
 from ruledgraph.app.cli import main
+from ruledgraph.app.input_options import InputOptions
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.trajectory import read_tum
 
 SMALL = "sim:noncoplanar_cluttered:free?rate=30&duration=2&resolution=320x240"
 
 
-def planned(*patterns: str, **options) -> list[Job]:
-    defaults = {
-        "config_file": None,
-        "settings": (),
-        "seeds": 1,
-        "calibration": (),
-        "ground_truth": None,
-        "camera": None,
-        "imu": None,
-    }
-    return plan(patterns, **(defaults | options))
+def planned(*patterns: str, inputs: InputOptions | None = None, **options) -> list[Job]:
+    return plan(patterns, inputs or InputOptions(), **options)
+
+
+def calibrated(*files: str) -> InputOptions:
+    return InputOptions(calibration_files=files)
 
 
 def test_every_recording_with_every_choice(tmp_path):
@@ -64,11 +60,10 @@ def test_files_go_with_their_recordings(tmp_path):
     (tmp_path / "one.bag").touch()
     (job,) = planned(
         f"{tmp_path}/*.bag",
-        calibration=("{folder}/calib.yaml",),
-        ground_truth="{folder}/{stem}.tum",
+        inputs=InputOptions(("{folder}/calib.yaml",), ground_truth="{folder}/{stem}.tum"),
     )
-    assert job.calibration == (f"{tmp_path}/calib.yaml",)
-    assert job.ground_truth == f"{tmp_path}/one.tum"
+    assert job.inputs.calibration_files == (f"{tmp_path}/calib.yaml",)
+    assert job.inputs.ground_truth == f"{tmp_path}/one.tum"
 
 
 def test_simulations_have_seeds():
@@ -135,7 +130,7 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path):
 
 def test_a_run_that_fails_says_why(tmp_path):
     (tmp_path / "broken.bag").write_bytes(b"#ROSBAG V2.0\nand then nothing")
-    (job,) = planned(str(tmp_path / "broken.bag"), calibration=("calib.yaml",))
+    (job,) = planned(str(tmp_path / "broken.bag"), inputs=calibrated("calib.yaml"))
     outcome = run_job(job)
     assert "broken.bag" in outcome.error
     assert "\n" not in outcome.error
@@ -145,9 +140,9 @@ def test_a_run_that_fails_says_why(tmp_path):
 def test_a_recording_by_its_url(tmp_path):
     pytest.importorskip("fsspec")
     (tmp_path / "empty.bag").touch()
-    (job,) = planned(f"file://{tmp_path}/empty.bag", calibration=("calib.yaml",))
+    (job,) = planned(f"file://{tmp_path}/empty.bag", inputs=calibrated("calib.yaml"))
     assert run_job(job).error.endswith("empty.bag is empty")
-    (job,) = planned(f"file://{tmp_path}/missing.bag", calibration=("calib.yaml",))
+    (job,) = planned(f"file://{tmp_path}/missing.bag", inputs=calibrated("calib.yaml"))
     assert "missing.bag: cannot be fetched" in run_job(job).error
 
 
