@@ -76,7 +76,7 @@ class Odometry(Output):
 
     @property
     def clock_search(self) -> ClockSearch:
-        """Of the time offset, by how the images turn."""
+        """Searches for the time offset by the rotation seen in the images."""
         return self._segments.clock_search
 
     @property

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ruledgraph.app.batch.cluster import run_all
-from ruledgraph.app.batch.jobs import Job, plan
+from ruledgraph.app.batch.jobs import Job, plan, values_of
 from ruledgraph.app.batch.store import Store
 from ruledgraph.app.batch.work import Outcome
 from ruledgraph.app.input_options import InputOptions
@@ -38,7 +38,8 @@ def batch_command(
 ) -> None:
     """See `ruledgraph batch --help`."""
     options = InputOptions.taken_from(inputs)
-    jobs = plan(recordings, options, config_file=config_file, settings=settings, seeds=seeds)
+    choices = [values_of(setting) for setting in settings]
+    jobs = plan(recordings, options, config_file=config_file, choices=choices, seeds=seeds)
     smooth_jobs(jobs, output, partial(run_all, workers=workers, scheduler=scheduler), force=force)
 
 

@@ -142,7 +142,7 @@ def export(recording: Path, out: Path, kind: Any, force: bool, **choice: Any) ->
     Frames are written grey, 8 bit, without loss; recorded JPEGs are kept as they are. A
     calibration in the recording is kept: as sensor.yaml in an asl folder, as camera_info and
     /tf_static in a bag. A bag has no place for the noise figures of the IMU: they are written to
-    OUT.calib.yaml. OUT must not exist, but for --force.
+    a .calib.yaml beside OUT. OUT must not exist unless --force is given.
 
     \b
     Examples:
@@ -206,7 +206,7 @@ main.add_command(evaluate)
 @main.command()
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
-    """Print what makes a SHELL complete commands, options and file names.
+    """Print the completion script for a SHELL.
 
     \b
     Examples:

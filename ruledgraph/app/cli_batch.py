@@ -38,7 +38,7 @@ from ruledgraph.app.options import calibration_options, recording_options
     type=click.IntRange(min=1),
     default=1,
     show_default=True,
-    help="Run each simulation with so many seeds.",
+    help="Number of seeds that each simulation is run with.",
 )
 @click.option(
     "--jobs",
@@ -46,7 +46,7 @@ from ruledgraph.app.options import calibration_options, recording_options
     type=click.IntRange(min=1),
     default=2,
     show_default=True,
-    help="Run so many at a time on this machine.",
+    help="Number of runs at a time on this machine.",
 )
 @click.option(
     "--scheduler",

@@ -23,10 +23,11 @@ import click
 )
 @click.option(
     "--tolerance",
-    type=float,
+    type=click.FloatRange(min=0.0, min_open=True),
     default=0.01,
     show_default=True,
-    help="Pair stamps at most so far apart, s.",
+    metavar="SECONDS",
+    help="Largest difference of two stamps that make a pair.",
 )
 @click.option(
     "--length",

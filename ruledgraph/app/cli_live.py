@@ -30,9 +30,15 @@ from ruledgraph.app.options import calibration_options, force_option, settings_o
     type=click.IntRange(min=1),
     default=90,
     show_default=True,
-    help="Take so many images a second.",
+    metavar="HZ",
+    help="Rate of the images.",
 )
-@click.option("--duration", type=float, help="Stop after so many seconds, not at Ctrl-C.")
+@click.option(
+    "--duration",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="SECONDS",
+    help="Stop after this time, not at Ctrl-C.",
+)
 @click.option(
     "--record",
     type=click.Path(path_type=Path, dir_okay=False),

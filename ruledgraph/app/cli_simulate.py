@@ -41,13 +41,15 @@ def _list_simulations(context: click.Context, _option: click.Parameter, wanted: 
 @click.option(
     "--duration",
     type=float,
-    help="Simulate so many seconds, by default 12, or all of a measured motion.",
+    metavar="SECONDS",
+    help="Length of the recording, by default 12 s, or all of a measured motion.",
 )
 @click.option(
     "--start",
     type=float,
     default=0.0,
-    help="Begin so many seconds after the beginning of a measured motion.",
+    metavar="SECONDS",
+    help="Begin this long after the beginning of a measured motion.",
 )
 @click.option(
     "--moving-start", is_flag=True, help="Start at full speed, not with a second of rest."
@@ -65,20 +67,21 @@ def _list_simulations(context: click.Context, _option: click.Parameter, wanted: 
     "--resolution", metavar="WxH", help="Render images of this size, by default the calibration's."
 )
 @click.option(
-    "--rate", type=float, default=90.0, show_default=True, help="Render so many frames a second."
+    "--rate", type=float, default=90.0, show_default=True, metavar="HZ", help="Rate of the images."
 )
 @click.option(
     "--imu",
     metavar="d435i|euroc|none|FILE",
     help="Take this IMU's noise, or EuRoC's imu0.csv that goes with a measured motion: the views "
-    "then follow what it felt.",
+    "then follow the motion that it measured.",
 )
 @click.option(
     "--imu-rate",
     type=float,
     default=200.0,
     show_default=True,
-    help="Sample the IMU so often a second.",
+    metavar="HZ",
+    help="Rate of the IMU.",
 )
 @click.option(
     "--readout",
@@ -98,8 +101,9 @@ def simulate(
 ) -> None:
     """Simulate a recording of a SCENE along a MOTION, with ground truth.
 
-    OUT is a .bag (ROS 1), an .mcap, or a folder, and must not exist, but for --force. Beside it
-    come the calibration (.calib.yaml), the true poses (.gt.tum) and the scene's lines (.lines.csv).
+    OUT is a .bag (ROS 1), an .mcap, or a folder, and must not exist unless --force is given. Beside
+    it come the calibration (.calib.yaml), the true poses (.gt.tum) and the scene's lines
+    (.lines.csv).
     MOTION may be a TUM file or EuRoC's CSV of a real flight; the room is then built around it.
 
     \b
@@ -121,14 +125,14 @@ def simulate(
         raise click.UsageError("name OUT, or --preview for a contact sheet alone")
     if out:
         kind = kind_of(out, kind)
-        if force:
-            make_way(*Files.beside(out))
-        check_free(*Files.beside(out))
-    if preview:
-        if force:
-            make_way(preview)
-        check_free(preview)
+    written = [*(Files.beside(out) if out else ()), *([preview] if preview else ())]
+    if not force:
+        check_free(*written)
     simulation = simulation_from_options(scene, motion, **options)
+    if force:  # not before all else has proved possible
+        named = motion, options["calibration"], options["imu"]
+        make_way(*written, inputs=[Path(name) for name in named if name is not None])
+        check_free(*written)
     if preview:
         write_contact_sheet(simulation, preview)
         click.echo(str(preview))

@@ -42,8 +42,7 @@ from ruledgraph.app.options import (
     "--time-offset",
     type=click.FloatRange(-10.0, 10.0),
     metavar="SECONDS",
-    help="Take frames to be so much later than their stamps say, on the IMU's clock, instead of "
-    "the calibration's timeshift_cam_imu.",
+    help="Begin with this t_imu - t_cam instead of the calibration's timeshift_cam_imu.",
 )
 @click.option("--plots", is_flag=True, help="Draw pictures of the results.")
 @click.option("--directrices", is_flag=True, help="With --plots, draw the paper's directrices too.")
@@ -91,7 +90,8 @@ def smooth(recordings: tuple[Path, ...], **given: Any) -> None:
 
     Several RECORDINGs, or a folder of them, are smoothed one after the other; the results folder
     gets a folder for each, a table and a page that compares them. A recording that fails does not
-    stop the others, and the same command with the same --output goes on with what is missing.
+    stop the others, and the same command with the same --output goes on with what is missing; the
+    exit code is 1 while any has failed.
 
     \b
     Examples:

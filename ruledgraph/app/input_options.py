@@ -43,7 +43,7 @@ class InputOptions:
         known = {name: value for name, value in chosen.items() if value is not None}
         return cls(**own, choice=known)
 
-    def of_recording(self, folder: Path, stem: str) -> "InputOptions":
+    def of_recording(self, folder: Path | str, stem: str) -> "InputOptions":
         """The same with the folder and the stem of a recording filled in."""
 
         def filled(text: str) -> str:

@@ -3,6 +3,7 @@
 """`ruledgraph live`: a connected camera's trajectory, printed, and its measurements recorded."""
 
 import logging
+import shlex
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -62,10 +63,13 @@ def live_command(
         calibration = sensors.calibration(TYPICAL_IMU_NOISE[imu or "d435i"])
     if readout is not None:
         calibration = calibration.with_readout(readout)
+    inputs = [*calibration_files, *([config_file] if config_file else [])]
     images, samples = Refusals("image"), Refusals("IMU sample")
     with ExitStack() as stack:
         # They end from the last to the first: the streams before what they feed.
-        recorder = record and stack.enter_context(Recorder(record, calibration, force))
+        recorder = record and stack.enter_context(
+            Recorder(record, calibration, inputs, force=force)
+        )
         odometry = stack.enter_context(LiveOdometry(calibration, config))
         stack.enter_context(sensors)
         signals = stack.enter_context(CaughtSignals())
@@ -104,7 +108,8 @@ def live_command(
     if images.count or samples.count:
         click.echo(f"warning: {images} and {samples} could not be used", err=True)
     if record:
-        click.echo(f"{record}\nNext: ruledgraph smooth {record} --calibration {_beside(record)}")
+        command = ["ruledgraph", "smooth", str(record), "--calibration", str(_beside(record))]
+        click.echo(f"{record}\nNext: {shlex.join(command)}")
 
 
 class _Warnings(logging.Handler, Closing):
@@ -155,17 +160,20 @@ class Recorder(Closing):
     Args:
         path: of the MCAP file; the calibration is written beside it.
         calibration: of the sensors.
-        force: whether to overwrite both.
+        inputs: files that are never overwritten.
+        force: whether to overwrite what is there.
 
     Raises:
         RuledgraphError: when one is there, or of `add` and `close`, when it cannot be written.
     """
 
-    def __init__(self, path: Path, calibration: Calibration, force: bool) -> None:
+    def __init__(
+        self, path: Path, calibration: Calibration, inputs: Sequence[Path], *, force: bool
+    ) -> None:
         if path.suffix != ".mcap":
             raise RuledgraphError(f"{path}: --record writes MCAP files, name it .mcap")
         if force:
-            make_way(path, _beside(path))
+            make_way(path, _beside(path), inputs=inputs)
         for file in (path, _beside(path)):
             if file.exists():
                 raise RuledgraphError(f"{file} exists already; choose another name or pass --force")

@@ -43,10 +43,17 @@ def recording_options(command: _Command) -> _Command:
                 help="Read the gyroscope from this topic, when the accelerometer has another.",
             ),
             click.option(
-                "--accelerometer-topic", metavar="TOPIC", help="Read the accelerometer from it."
+                "--accelerometer-topic",
+                metavar="TOPIC",
+                help="Read the accelerometer from this topic.",
             ),
-            click.option("--start", type=float, help="Begin so many seconds after the beginning."),
-            click.option("--duration", type=float, help="Read so many seconds."),
+            click.option(
+                "--start",
+                type=float,
+                metavar="SECONDS",
+                help="Begin this long after the recording's beginning.",
+            ),
+            click.option("--duration", type=float, metavar="SECONDS", help="Read this much of it."),
         )
     ):
         command = option(command)
@@ -105,9 +112,8 @@ def calibration_options(command: _Command) -> _Command:
                 "--readout",
                 type=click.FloatRange(0.0, LONGEST_READOUT),
                 metavar="SECONDS",
-                help="Take an image's rows to be exposed one after the other within this time, "
-                "from the first, at the stamp, to the last, instead of the calibration's "
-                "line_delay; 0 is a global shutter.",
+                help="Rolling shutter: time from an image's first row, which has the stamp, to its "
+                "last, instead of the calibration's line_delay; 0 is a global shutter.",
             ),
         )
     ):

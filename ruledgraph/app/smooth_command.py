@@ -116,7 +116,7 @@ def _check_solver(options: SmoothOptions) -> None:
         "--readout": options.inputs.readout,
     }
     if unused := next((option for option, value in given.items() if value), None):
-        raise click.UsageError(f"{unused}: the paper's solver has none; leave it out")
+        raise click.UsageError(f"{unused}: is not supported by --solver paper")
 
 
 def _of_its_size(

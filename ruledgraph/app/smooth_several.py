@@ -27,14 +27,15 @@ def smooth_several(recordings: Sequence[Path], options: SmoothOptions) -> None:
         "--rerun": options.outputs.rerun,
         "--ros2-bag": options.outputs.ros2_bag,
         "--solver paper": options.solver == "paper",
+        "--verbose": options.verbose,
     }
     if given := next((option for option, value in of_one.items() if value), None):
-        raise click.UsageError(f"{given}: goes with one recording; here are several")
+        raise click.UsageError(f"{given}: works with a single recording only")
     jobs = plan(
         [str(recording) for recording in recordings],
         options.inputs,
         config_file=options.config_file,
-        settings=options.settings,
+        choices=[(setting,) for setting in options.settings],
         formats=options.formats,
         plots=options.outputs.plots,
     )

@@ -91,7 +91,7 @@ def figures(
         wall_s: what the run took.
         warnings: of the recording and the odometry.
     """
-    told = [*warnings, *([] if tally.estimates else ["the odometry never started"])]
+    all_warnings = [*warnings, *([] if tally.estimates else ["the odometry never started"])]
     statuses = dict(tally.statuses)
     if tally.estimates < tally.frames:
         statuses[NO_ESTIMATE] = tally.frames - tally.estimates
@@ -115,8 +115,8 @@ def figures(
         },
         "edge_sigma_px": median(tally.edge_sigmas_px) if tally.edge_sigmas_px else None,
         "recoveries": odometry.recoveries,
-        "warnings": told[:_MAX_WARNINGS],
-        "warnings_left_off": max(0, len(told) - _MAX_WARNINGS) + odometry.warnings.left_off,
+        "warnings": all_warnings[:_MAX_WARNINGS],
+        "warnings_left_off": max(0, len(all_warnings) - _MAX_WARNINGS) + odometry.warnings.left_off,
         "stages": _stages(odometry),
     }
 

@@ -4,7 +4,7 @@
 
 import bisect
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import gtsam
 import numpy as np
@@ -101,18 +101,14 @@ class ImuBuffer:
     def unreliable(self, start: float, stop: float) -> list[UnreliableInterval]:
         """Where in (start, stop) samples are too far apart, or at the end of the range."""
         return [
-            interval
-            for interval in (*self._holes, *self._range.unreliable)
-            if interval.stop > start and interval.start < stop
+            *_overlapping(self._holes, start, stop),
+            *_overlapping(self._range.unreliable, start, stop),
         ]
 
     def in_long_hole(self, time: float) -> bool:
         """Whether it is so long since the last sample that lines are no longer where expected."""
         longest = self._config.max_hole
-        return any(
-            _is_hole(interval) and time - interval.start > longest
-            for interval in self.unreliable(time, time)
-        )
+        return any(time - hole.start > longest for hole in _overlapping(self._holes, time, time))
 
     def was_degraded(self, time: float) -> bool:
         """Whether it was `interrupted` not long before."""
@@ -120,10 +116,9 @@ class ImuBuffer:
 
     def interrupted(self, start: float, stop: float) -> bool:
         """Whether lines may have been lost over a hole in (start, stop), or readings clipped."""
-        return any(
-            not _is_hole(interval) or interval.stop - interval.start > self._config.max_hole
-            for interval in self.unreliable(start, stop)
-        )
+        holes = _overlapping(self._holes, start, stop)
+        is_long = any(hole.stop - hole.start > self._config.max_hole for hole in holes)
+        return is_long or bool(_overlapping(self._range.unreliable, start, stop))
 
     def _part(self, start: float, stop: float) -> slice:
         first = max(bisect.bisect_right(self._times, start) - 1, 0)
@@ -152,8 +147,10 @@ def _hole(start: float, stop: float, config: ImuConfig) -> UnreliableInterval:
     return UnreliableInterval(start, stop, shorter * sigmas)
 
 
-def _is_hole(interval: UnreliableInterval) -> bool:
-    return bool(np.all(interval.sigmas > 0.0))
+def _overlapping(
+    intervals: Iterable[UnreliableInterval], start: float, stop: float
+) -> list[UnreliableInterval]:
+    return [i for i in intervals if i.stop > start and i.start < stop]
 
 
 def params_across(

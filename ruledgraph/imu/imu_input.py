@@ -58,10 +58,12 @@ class ImuInput:
         if self._may_be_wrong(time):
             return None
         self._latest_sample = time
-        gap = None
         for reading in self._spikes.take(time, value):
-            gap = self._append(reading, sample.stamp)
-        return gap
+            # One that might have been a spike was held back until now.
+            stamp = sample.stamp - round((time - reading.time) * 1e9)
+            if gap := self._append(reading, stamp):
+                return gap
+        return None
 
     def _may_be_wrong(self, time: float) -> bool:
         """Whether a stamp, s, is so far ahead of the last one that it may be wrong: the next one

@@ -70,6 +70,10 @@ class Initializer:
         """Count the time to the next attempt from here, s."""
         self._last_attempt = time
 
+    def restart(self, reason: str) -> None:
+        """What it was made of is gone, for this reason."""
+        self._retimed, self.refusal = False, reason
+
     def is_due(self, time: float) -> bool:
         """Whether it is time for another attempt, s."""
         return time - self._last_attempt >= self._config.start.between_attempts - TIME_TOLERANCE

@@ -64,13 +64,13 @@ class SegmentSequence:
 
     # -- beginning -------------------------------------------------------------------------------
 
-    def try_start(self, now: FrameTime) -> bool:
+    def try_start(self, now: FrameTime) -> None:
         """Begin a segment if what was seen so far allows it."""
         if self.initializer.is_due(now.time) and self._search_clock(now.time):
-            return False
+            return
         first = self.initializer.attempt(now)
         if first is None:
-            return False
+            return
         start, gauge_uncertainty = first.start, GaugeUncertainty()
         if self.last_reliable is not None:
             start, gauge_uncertainty = continued(start, self.last_reliable, self._config.integrity)
@@ -87,7 +87,6 @@ class SegmentSequence:
         self._trial = None
         if not self.current.confirmed:
             self._trial = Trial(start, now.time, self._config)
-        return True
 
     def settle(self, segment: TrajectorySegment, now: FrameTime) -> bool:
         """After a new state: accept a start on trial or discard it, end a segment that failed.
@@ -99,7 +98,7 @@ class SegmentSequence:
             if reason := trial.failure or failure:
                 which = f"the start in motion before {now.time:.2f} s"
                 warnings.append(f"{which} is discarded: {reason}")
-                self._discard_start(now.time, f"the last start is discarded: {reason}")
+                self._discard_start(now.time, reason)
                 return False
             if trial.is_passed:
                 segment.confirm()
@@ -115,14 +114,14 @@ class SegmentSequence:
         if self.current is None:
             self.initializer.wait_from(-np.inf)
         else:
-            self._discard_start(-np.inf)
+            self._discard_start(-np.inf, "the rows of its images were read anew")
         self._forget_frames()
 
-    def _discard_start(self, time: float, reason: str = "") -> None:
+    def _discard_start(self, time: float, reason: str) -> None:
         """Forget a start that is on trial, and its time offset; say why until the next attempt."""
         sensors, known = self._stages.sensors, self._stages.clock.offset.value
         self.initializer.retime(known - self._calibration.time_offset - sensors.offset_correction)
-        self.initializer.refusal = reason
+        self.initializer.restart(f"the last start is discarded: {reason}")
         self.current = self._trial = None
         self._count -= 1
         self.initializer.wait_from(time)
@@ -141,7 +140,7 @@ class SegmentSequence:
         if found is None and not self.clock_search.rotation_replaced:
             return False
         if self._trial is not None:
-            self._discard_start(time)
+            self._discard_start(time, "images and gyroscope disagree with its calibration")
         elif segment is not None:
             self.end()
         if found is not None:
@@ -194,11 +193,12 @@ class SegmentSequence:
             sensors.imu.forget(before)
 
     def end(self) -> None:
-        """End the segment and forget what was seen."""
+        """End the segment, if there is one, and forget what was seen."""
+        reason = "the last segment has ended" if self.current else self.initializer.refusal
         self.finish()
         self._forget_frames()
         self.clock_search.restart()
-        self.initializer.refusal = "the last segment has ended"
+        self.initializer.restart(reason)
 
     def _forget_frames(self) -> None:
         self._stages.sensors.frames.clear()

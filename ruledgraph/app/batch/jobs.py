@@ -82,7 +82,7 @@ def plan(
     inputs: InputOptions,
     *,
     config_file: Path | None = None,
-    settings: Sequence[str] = (),
+    choices: Sequence[Sequence[str]] = (),
     seeds: int = 1,
     formats: Sequence[TrajectoryFormat] = (),
     plots: bool = False,
@@ -94,8 +94,8 @@ def plan(
             for all recordings in them.
         inputs: of all runs.
         config_file: settings of all runs.
-        settings: `section.key=value`, or several values apart by commas: each is tried, with each
-            of the others.
+        choices: `section.key=value`, for each setting those that are tried, with each of the
+            others.
         seeds: simulations are run with so many, from 0 on.
         formats: of the trajectories, beside TUM's.
         plots: whether to draw pictures.
@@ -103,7 +103,6 @@ def plan(
     Raises:
         RuledgraphError: for a pattern nothing matches and settings that do not exist.
     """
-    choices = [_values(setting) for setting in settings]
     varied = {values[0].partition("=")[0] for values in choices if len(values) > 1}
     jobs: list[Job] = []
     for recording in _recordings(patterns):
@@ -118,7 +117,7 @@ def plan(
                     settings=tuple(s for s in chosen if s.partition("=")[0] in varied),
                     seed=seed,
                     config=config,
-                    inputs=inputs.of_recording(Path(recording).parent, stem(recording)),
+                    inputs=inputs.of_recording(_folder(recording), stem(recording)),
                     formats=tuple(formats),
                     plots=plots,
                 )
@@ -173,6 +172,12 @@ def _of_folder(path: str) -> list[str]:
     return [str(found) for found in recordings_in(Path(path))] if Path(path).is_dir() else [path]
 
 
-def _values(setting: str) -> list[str]:
+def _folder(recording: str) -> str:
+    """Of a path or a URL."""
+    return recording.rpartition("/")[0] if "://" in recording else str(Path(recording).parent)
+
+
+def values_of(setting: str) -> list[str]:
+    """`key=1` and `key=2` of `key=1,2`."""
     name, equals, values = setting.partition("=")
     return [f"{name.strip()}{equals}{value.strip()}" for value in values.split(",")]

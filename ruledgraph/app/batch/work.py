@@ -40,7 +40,7 @@ def run_job(job: Job) -> Outcome:
         output, error, summary = Path(folder, "results"), "", {}
         try:
             summary = _run(job, output, Path(folder))
-            error = "" if summary["ended"] == "complete" else str(summary["ended"])
+            error = _failure(summary)
         except RuledgraphError as problem:
             error = str(problem)
         except Exception as problem:  # noqa: BLE001 - the other runs go on
@@ -51,6 +51,12 @@ def run_job(job: Job) -> Outcome:
             if path.is_file()
         }
     return Outcome(error, summary, files)
+
+
+def _failure(summary: dict[str, Any]) -> str:
+    if summary["ended"] != "complete":
+        return str(summary["ended"])
+    return "" if summary["frames_estimated"] else "no frame could be estimated"
 
 
 @dataclass(frozen=True)

@@ -120,13 +120,21 @@ def test_an_interrupted_one_is_run_again(folder, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "option", [["--video", "a.mp4"], ["--rerun", "a.rrd"], ["--solver", "paper"]]
+    "option", [["--video", "a.mp4"], ["--rerun", "a.rrd"], ["--solver", "paper"], ["--verbose"]]
 )
 def test_what_goes_with_one_recording_only_is_refused(folder, option):
     result = smooth(folder, "--calibration", folder / "calib.yaml", *option)
     assert result.exit_code == 2
     assert f"{option[0]}" in result.output
-    assert "goes with one recording" in result.output
+    assert "works with a single recording only" in result.output
+
+
+def test_a_setting_has_one_value(folder):
+    """As where one recording is smoothed; several are for `batch`."""
+    options = "--calibration", folder / "calib.yaml", "--set", "window.lag=1,2"
+    result = smooth(folder, *options)
+    assert result.exit_code == 2
+    assert "window.lag" in result.output
 
 
 def test_a_folder_of_nothing_is_one_line(tmp_path):

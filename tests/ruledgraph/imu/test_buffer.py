@@ -119,6 +119,17 @@ def test_how_long_estimates_are_unsure():
         assert imu.was_degraded((40 + missing + 10) * STEP) == unsure
 
 
+def test_where_all_axes_are_clipped_one_after_the_other_there_is_no_hole():
+    """However short it is, what was felt is not known."""
+    imu, phases = ImuBuffer(), np.array([0.0, 1.0, 2.0, 0.5, 1.5, 2.5])
+    for time in (np.arange(200) * STEP).tolist():
+        reading = np.clip(np.sin(2.0 * np.pi * time - phases), -0.8, 0.8)
+        imu.append(time, reading[:3], reading[3:])
+    assert any(np.all(interval.sigmas > 0.0) for interval in imu.unreliable(0.0, 1.0))
+    assert imu.interrupted(0.0, 1.0)
+    assert not any(imu.in_long_hole(time) for time in np.linspace(0.05, 0.95, 19).tolist())
+
+
 def test_a_message_about_the_range_comes_once():
     imu = ImuBuffer()
     swing = 4.0 * np.sin(np.arange(400) * 0.05)

@@ -17,6 +17,7 @@ from ruledgraph.core.trajectory import read_tum
 from ruledgraph.recording import open_recording
 from ruledgraph.simulation import MOTIONS, SCENES
 from ruledgraph.simulation.options import simulation_from_options
+from ruledgraph.simulation.write import write_simulation
 
 SHORT = ("--duration", "0.5", "--resolution", "160x120", "--moving-start", "--seed", "3")
 
@@ -154,3 +155,25 @@ def test_resolution_keeps_the_field_of_view() -> None:
     corners = np.array([[-0.5, -0.5], [1279.5, 959.5]])
     expected = small.undistort([[-0.5, -0.5], [639.5, 479.5]])
     np.testing.assert_allclose(camera.undistort(corners), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("room", "a.gt.tum", "a.bag"), "is read from there"),
+        (("nosuch", "free", "a.bag"), "nosuch"),
+        (("square", "free", "b.bag", "--calibration", "b.calib.yaml"), "is read from there"),
+    ],
+)
+def test_force_removes_nothing_that_is_read_and_nothing_in_vain(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    simulation = simulation_from_options("square", "free", duration=2.0, resolution="160x120")
+    for stem in ("a", "b"):
+        write_simulation(simulation, Path(f"{stem}.bag"), "rosbag1")
+    before = {path: path.read_bytes() for path in Path().iterdir()}
+    result = run(*words, "--force", "--duration", "1")
+    assert result.exit_code == 2
+    assert message in result.output
+    assert {path: path.read_bytes() for path in Path().iterdir()} == before

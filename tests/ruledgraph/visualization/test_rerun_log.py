@@ -192,7 +192,7 @@ def test_a_run_that_never_began_leaves_no_file(recording, tmp_path):
 def test_the_papers_solver_has_none(recording, tmp_path):
     result = smooth(recording, "--solver", "paper", "--rerun", tmp_path / "run.rrd")
     assert result.exit_code == 2
-    assert "--rerun: the paper's solver has none; leave it out" in result.output
+    assert "--rerun: is not supported by --solver paper" in result.output
 
 
 def free_port() -> int:

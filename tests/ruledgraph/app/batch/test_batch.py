@@ -16,7 +16,7 @@ import pytest
 from click.testing import CliRunner
 
 from ruledgraph.app import batch_command
-from ruledgraph.app.batch.jobs import Job, plan
+from ruledgraph.app.batch.jobs import Job, plan, values_of
 from ruledgraph.app.batch.store import Store
 from ruledgraph.app.batch.work import Outcome, run_job
 from ruledgraph.app.cli import main
@@ -27,8 +27,11 @@ from ruledgraph.core.trajectory import read_tum
 SMALL = "sim:noncoplanar_cluttered:free?rate=30&duration=2&resolution=320x240"
 
 
-def planned(*patterns: str, inputs: InputOptions | None = None, **options) -> list[Job]:
-    return plan(patterns, inputs or InputOptions(), **options)
+def planned(
+    *patterns: str, inputs: InputOptions | None = None, settings=(), **options
+) -> list[Job]:
+    choices = [values_of(setting) for setting in settings]
+    return plan(patterns, inputs or InputOptions(), choices=choices, **options)
 
 
 def calibrated(*files: str) -> InputOptions:
@@ -64,6 +67,8 @@ def test_files_go_with_their_recordings(tmp_path):
     )
     assert job.inputs.calibration_files == (f"{tmp_path}/calib.yaml",)
     assert job.inputs.ground_truth == f"{tmp_path}/one.tum"
+    (job,) = planned("s3://bucket/a/one.bag", inputs=calibrated("{folder}/{stem}.yaml"))
+    assert job.inputs.calibration_files == ("s3://bucket/a/one.yaml",)
 
 
 def test_simulations_have_seeds():

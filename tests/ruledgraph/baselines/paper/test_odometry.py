@@ -144,7 +144,7 @@ def test_smooth_takes_it_as_its_solver(tmp_path):
     assert (tmp_path / "out" / "trajectory.tum").stat().st_size > 0
     refused = CliRunner().invoke(main, [*arguments, "--plots"])
     assert refused.exit_code == 2
-    assert "--plots: the paper's solver has none" in refused.output
+    assert "--plots: is not supported by --solver paper" in refused.output
 
 
 def test_a_turn_out_of_the_windows_view_does_not_stop_it():
