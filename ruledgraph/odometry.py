@@ -26,8 +26,8 @@ from ruledgraph.segments.stages import Stages
 # Measurements are kept this much longer than the window and the longest time without a solution,
 # s: more than a late frame needs.
 _SPARE = 0.5
-# s; the points of a rolling shutter are turned by the gyroscope of their rows' times. By so little
-# it matters little: hands turn a camera by 10 rad/s^2, over 10 ms of rows that is 0.2 px.
+# s; the points of a rolling shutter are turned by the gyroscope of their rows' times. A smaller
+# change has little effect: hands turn a camera by 10 rad/s^2, over 10 ms of rows that is 0.2 px.
 _MAX_TIMING_CHANGE = 5e-3
 
 
@@ -102,7 +102,7 @@ class Odometry(Output):
         """An IMU sample; the frames up to its time are processed.
 
         Raises:
-            RuledgraphError: for another shape, and stamps that are no nanoseconds.
+            RuledgraphError: for another shape, and stamps that are not in nanoseconds.
         """
         sensors = self._stages.sensors
         gap = sensors.add_imu(sample)
@@ -117,7 +117,7 @@ class Odometry(Output):
 
         Raises:
             RuledgraphError: for one that is not grey, of 8 bit and of the calibration's size, and
-                for stamps that are no nanoseconds.
+                for stamps that are not in nanoseconds.
         """
         self._stages.sensors.add_image(frame)
         self._process_reached()

@@ -102,7 +102,7 @@ def main() -> None:
 main.add_command(settings)
 
 
-@main.command()
+@main.command(short_help="Show what a recording holds, and whether it will do.")
 @click.argument("recording", type=click.Path(path_type=Path))
 @calibration_options
 @recording_options
@@ -130,7 +130,7 @@ def info(recording: Path, **options: Any) -> None:
     info_command(recording, **options)
 
 
-@main.command()
+@main.command(short_help="Write a recording in another format.")
 @click.argument("recording", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
 @format_option

@@ -10,7 +10,7 @@ import click
 from ruledgraph.app.options import calibration_options, recording_options
 
 
-@click.command()
+@click.command(short_help="Smooth many recordings with many settings.")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING [RECORDING ...]")
 @calibration_options
 @click.option(

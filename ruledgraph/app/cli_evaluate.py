@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 
-@click.command()
+@click.command(short_help="Compare trajectories with a reference: ATE, RPE.")
 @click.argument(
     "estimates", nargs=-1, required=True, type=click.Path(), metavar="ESTIMATE [ESTIMATE ...]"
 )
@@ -23,7 +23,7 @@ import click
 )
 @click.option(
     "--tolerance",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=float,
     default=0.01,
     show_default=True,
     metavar="SECONDS",

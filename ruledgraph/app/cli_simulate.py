@@ -18,7 +18,7 @@ def _list_simulations(context: click.Context, _option: click.Parameter, wanted: 
         context.exit()
 
 
-@click.command()
+@click.command(short_help="Simulate a recording with ground truth.")
 @click.argument("scene")
 @click.argument("motion")
 @click.argument("out", type=click.Path(path_type=Path), required=False)

@@ -5,7 +5,7 @@
 import click
 
 
-@click.command()
+@click.command(short_help="List the settings.")
 @click.argument("section", required=False)
 def settings(section: str | None) -> None:
     """List all settings, or those of a SECTION, with default, unit and meaning.

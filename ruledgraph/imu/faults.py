@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Readings of the IMU that are not what it felt: single spikes, and ends of a sensor's range.
+"""Faulty readings of the IMU: single spikes, and saturation at the ends of a sensor's range.
 
 A reading is gyroscope and accelerometer together, (6,), rad/s and m/s^2; times are s.
 """

@@ -19,14 +19,17 @@ from ruledgraph.integrity.unmoved_lines import log_odds_of_rest
 class RestPhase:
     """Whether the body rests at the newest state, and at the frames since.
 
-    A rest ends where the image moves. Where the IMU alone says so it is undecided for a while: the
-    body sets off, and the image will show it, or an acceleration acts on all that is in view as
-    well, as in a lift. When the IMU is that of a rest again the motions of lines decide, as soon as
-    they are likely enough for one of the two (`log_odds_of_rest`): a sequential test. After some
-    time they must: without them the body has moved.
+    During a rest:
 
-    Lines may say that it rests while the IMU moves it on, before a rest is known: until they or the
-    IMU say otherwise, it may be where it was then.
+    - Neither the image nor the IMU moves: the rest goes on.
+    - The image moves: the rest ends.
+    - The IMU alone moves: undecided. The body sets off, and the image will show it, or all that is
+      in view accelerates with it, as in a lift. When the IMU has come to rest again the motions of
+      the lines decide between the two by a sequential test (`log_odds_of_rest`). Where they have
+      not done so after `rest.max_undecided_time` the body has moved.
+
+    Before a rest is known, lines may not move while the IMU does: until one of them changes, the
+    body may be where it was when that began (`stayed_at`).
 
     Args:
         detector: what image and IMU show.
