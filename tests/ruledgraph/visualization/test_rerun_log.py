@@ -215,6 +215,7 @@ def test_a_run_is_streamed_to_a_viewer(logged, recording, tmp_path):
             wait_for(port)
             url = f"rerun+http://127.0.0.1:{port}/proxy"
             result = smooth(recording, "--output", tmp_path / "run", "--rerun", url)
+            wait_until_saved(received)
         finally:
             # The program starts another one; an interrupt may be ignored, as in a job of a shell.
             os.killpg(viewer.pid, signal.SIGTERM)
@@ -228,6 +229,17 @@ def test_a_run_is_streamed_to_a_viewer(logged, recording, tmp_path):
     for entity, columns in logged[1].items():
         for name, values in columns.items():
             assert len(found[entity][name]) == len(values), (entity, name)
+
+
+def wait_until_saved(file: Path) -> None:
+    """Until it has not grown for two seconds: on a busy machine the server saves for some time."""
+    size, unchanged = -1, 0
+    for _ in range(300):
+        now = file.stat().st_size if file.exists() else 0
+        size, unchanged = now, unchanged + 1 if now == size else 0
+        if unchanged == 20:
+            return
+        time.sleep(0.1)
 
 
 def wait_for(port: int) -> None:
