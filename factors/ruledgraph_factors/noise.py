@@ -24,16 +24,32 @@ _BLANK_NOISE: dict[str, Callable[[], Any]] = {
     ),
 }
 
+# Squared Mahalanobis distances at which a loss and a restored one are compared.
+_SQUARES = (1.0, 30.0, 1e3)
+
 
 def noise_to_dict(model: noiseModel.Base) -> dict[str, str]:
-    """The model's class and GTSAM's own text archive of it, exact for every model GTSAM has."""
+    """The model's class and GTSAM's own text archive of it.
+
+    Raises:
+        FactorError: for a model that the archive does not hold: an m-estimator written in Python,
+            and Tukey's losses, whose constant GTSAM does not restore, but for the default one.
+    """
     kind = type(model).__name__
     if kind not in _BLANK_NOISE:
         raise FactorError(f"noise_model: a {kind} cannot be serialised")
     archive = model.serialize()  # type: ignore[attr-defined]
     if "mEstimator::Custom " in archive:  # GTSAM drops its Python functions without a word
         raise FactorError("noise_model: an m-estimator written in Python cannot be serialised")
-    return {"type": kind, "archive": archive}
+    data = {"type": kind, "archive": archive}
+    if isinstance(model, noiseModel.Robust):
+        restored = noise_from_dict(data)
+        if any(restored.loss(square) != model.loss(square) for square in _SQUARES):
+            raise FactorError(
+                "noise_model: GTSAM's archive does not hold the constant of this loss, as of "
+                "Tukey's: it cannot be copied or stored; use another, such as mEstimator.Welsch"
+            )
+    return data
 
 
 def noise_from_dict(data: Mapping[str, str]) -> noiseModel.Base:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Specs rebuild equal factors after JSON, NPZ and pickle."""
 
+import copy
 import dataclasses
 import json
 import pickle
@@ -65,6 +66,19 @@ def test_every_noise_model_survives(index: int) -> None:
     rebuilt = RuledSurfaceFactor(RuledSurfaceSpec.from_dict(factor.spec.to_dict()))
     assert type(rebuilt.spec.noise_model) is type(model)
     assert_equal(rebuilt, factor, case.values)
+
+
+@pytest.mark.parametrize("loss", ["Tukey", "AsymmetricTukey"])
+def test_a_loss_that_gtsam_does_not_restore_is_refused(loss: str) -> None:
+    """Its archive has the constant, but not the square that is computed with."""
+    spec = random_case(3).factor("node").spec
+    estimator = getattr(noiseModel.mEstimator, loss).Create(40.0)
+    unit = noiseModel.Unit.Create(spec.points.rows)
+    robust = noiseModel.Robust.Create(estimator, unit)
+    factor = RuledSurfaceFactor(dataclasses.replace(spec, noise_model=robust))
+    for store in (lambda f: f.spec.to_dict(), pickle.dumps, copy.deepcopy):
+        with pytest.raises(FactorError, match="does not hold the constant"):
+            store(factor)
 
 
 def test_a_factor_under_other_keys_is_a_replaced_spec() -> None:
