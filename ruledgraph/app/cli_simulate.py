@@ -132,7 +132,6 @@ def simulate(
     if force:  # not before all else has proved possible
         named = motion, options["calibration"], options["imu"]
         make_way(*written, inputs=[Path(name) for name in named if name is not None])
-        check_free(*written)
     if preview:
         write_contact_sheet(simulation, preview)
         click.echo(str(preview))

@@ -43,11 +43,11 @@ class InputOptions:
         known = {name: value for name, value in chosen.items() if value is not None}
         return cls(**own, choice=known)
 
-    def of_recording(self, folder: Path | str, stem: str) -> "InputOptions":
+    def of_recording(self, folder: str, stem: str) -> "InputOptions":
         """The same with the folder and the stem of a recording filled in."""
 
         def filled(text: str) -> str:
-            return text.replace("{folder}", str(folder)).replace("{stem}", stem)
+            return text.replace("{folder}", folder).replace("{stem}", stem)
 
         files = tuple(filled(file) for file in self.calibration_files)
         truth = self.ground_truth and filled(self.ground_truth)

@@ -39,7 +39,8 @@ class SmoothOptions:
 
     def of_recording(self, recording: Path) -> "SmoothOptions":
         """The same with the recording's folder and stem filled in."""
-        return replace(self, inputs=self.inputs.of_recording(recording.parent, recording.stem))
+        inputs = self.inputs.of_recording(str(recording.parent), recording.stem)
+        return replace(self, inputs=inputs)
 
     def files_read(self, recording: Path) -> list[Path]:
         """What must not be written over."""

@@ -44,7 +44,7 @@ class CameraClock:
         return TimeOffset(0.0, self._start_sigma) if self._config.estimate else None
 
     def narrow_start_prior(self, sigma: float) -> None:
-        """Take the offset by which frames are timed for known to this, s, if that is less."""
+        """To this standard deviation, s, if it is less than the prior's."""
         self._start_sigma = min(sigma, self._start_sigma)
 
     def update(self, offset: TimeOffset | None, confirmed: bool) -> None:

@@ -34,7 +34,7 @@ class Initializer:
     Args:
         mounting: with the calibration of camera and IMU.
         clock: of the camera.
-        clock_search: of the time offset, by how the images turn.
+        clock_search: of the time offset, by the rotation seen in the images.
         sensors: the IMU samples and the times of the frames.
         front_end: with the line tracks.
         rest_detector: detects whether the body is at rest.
@@ -71,7 +71,7 @@ class Initializer:
         self._last_attempt = time
 
     def restart(self, reason: str) -> None:
-        """What it was made of is gone, for this reason."""
+        """Forget the last attempt; the reason stands until the next one fails."""
         self._retimed, self.refusal = False, reason
 
     def is_due(self, time: float) -> bool:

@@ -30,7 +30,7 @@ class SegmentSequence:
         """The last state whose lines fitted, where the next segment begins."""
         warnings = stages.output.warnings
         self.clock_search = ClockSearch(stages.mounting, stages.clock, config, warnings)
-        """Of the time offset, by how the images turn."""
+        """Searches for the time offset by the rotation seen in the images."""
         self.initializer = Initializer(
             stages.mounting,
             stages.clock,
