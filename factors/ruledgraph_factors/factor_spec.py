@@ -6,6 +6,7 @@ import json
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeVar
@@ -151,12 +152,10 @@ class ErrorFunction(ABC):
         self, this: gtsam.CustomFactor, values: gtsam.Values, H: list[FloatArray] | None
     ) -> FloatArray:
         """As GTSAM calls it."""
-        try:
-            return self.error(this.keys(), values, H)
-        except Exception:
-            if values.empty():
-                raise _SpecAnswer(self.spec) from None
-            raise
+        if isinstance(values, _SpecRequest):
+            values.answer(this, self.spec)
+            return np.zeros(self.spec.rows)
+        return self.error(this.keys(), values, H)
 
     @abstractmethod
     def error(
@@ -165,12 +164,18 @@ class ErrorFunction(ABC):
         """The residual (rows,); fills H[i] (rows, tangent size of key i) unless it is None."""
 
 
-class _SpecAnswer(Exception):  # noqa: N818 - no error, the way back through GTSAM
-    """How a callback that is asked for nothing in particular hands out its spec."""
+class _SpecRequest(gtsam.Values):
+    """Asks a factor for its spec. GTSAM hands its callback this very object, not a copy."""
 
-    def __init__(self, spec: FactorSpec) -> None:
-        super().__init__("no values")
-        self.spec = spec
+    def __init__(self, factor: gtsam.CustomFactor) -> None:
+        super().__init__()
+        self._factor = factor
+        self.spec: FactorSpec | None = None
+
+    def answer(self, factor: gtsam.CustomFactor, spec: FactorSpec) -> None:
+        """Called back by `factor`, which may be one that the factor asked evaluates in turn."""
+        if factor is self._factor:
+            self.spec = spec
 
 
 class SpecFactor(gtsam.CustomFactor):
@@ -210,13 +215,10 @@ def spec_of(factor: gtsam.NonlinearFactor) -> FactorSpec | None:
         return replace(native, keys=tuple(factor.keys()), noise_model=factor.noiseModel())
     if type(factor) is not gtsam.CustomFactor:
         return None
-    try:
-        factor.unwhitenedError(gtsam.Values())
-    except _SpecAnswer as answer:
-        return answer.spec
-    except Exception:  # noqa: BLE001 - someone else's callback may raise anything
-        return None
-    return None
+    request = _SpecRequest(factor)
+    with suppress(Exception):  # someone else's callback may raise anything
+        factor.unwhitenedError(request)
+    return request.spec
 
 
 def pose3(name: str, value: Any) -> gtsam.Pose3:

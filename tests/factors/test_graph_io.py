@@ -3,6 +3,7 @@
 """Graphs of our factors and native ones, copied and stored."""
 
 import gc
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import gtsam
@@ -100,9 +101,37 @@ def test_the_spec_comes_back_from_what_gtsam_hands_out() -> None:
     assert spec_of(graph.at(graph.size() - 1)) is None
 
 
-def test_a_callback_without_values_says_so_to_others() -> None:
-    with pytest.raises(Exception, match="no values"):
-        random_case(1).factor("pose").unwhitenedError(gtsam.Values())
+def test_empty_values_give_the_error_of_values_that_lack_a_key() -> None:
+    factor = random_case(1).factor("pose")
+    with pytest.raises(RuntimeError, match='the key "x0", which does not exist'):
+        factor.unwhitenedError(gtsam.Values())
+    some = gtsam.Values()
+    some.insert(X(1), gtsam.Pose3())
+    messages = []
+    for values in (gtsam.Values(), some):
+        with pytest.raises(RuntimeError) as raised:
+            factor.error(values)
+        messages.append(str(raised.value))
+    assert messages[0] == messages[1]
+
+
+def test_the_spec_comes_back_in_every_thread_and_of_a_copy() -> None:
+    graph, _ = mixed_graph()
+    copy = clone_graph(graph)
+    gc.collect()
+    for each in (graph, copy):
+        with ThreadPoolExecutor(4) as pool:
+            found = list(pool.map(lambda _, at=each: spec_of(at.at(1)), range(200)))
+        assert all(isinstance(spec, RuledSurfaceSpec) for spec in found)
+
+
+def test_a_foreign_factor_that_evaluates_one_of_ours_has_no_spec() -> None:
+    ours = random_case(1).factor("pose")
+    foreign = gtsam.CustomFactor(
+        ours.spec.noise_model, ours.keys(), lambda _, values, __: ours.unwhitenedError(values)
+    )
+    assert spec_of(foreign) is None
+    assert spec_of(ours) is ours.spec
 
 
 def test_foreign_custom_factors_and_files_are_named(tmp_path: Path) -> None:
