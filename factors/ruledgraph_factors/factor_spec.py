@@ -2,13 +2,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What all factors of this package have in common: a spec of plain data, and the way back to it."""
 
-import json
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import gtsam
@@ -18,6 +16,7 @@ from gtsam import noiseModel
 from ruledgraph_factors.errors import FactorError
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.noise import noise_to_dict
+from ruledgraph_factors.npz_file import read_parts, write_parts
 from ruledgraph_factors.validation import FloatArray, finite_array, graph_key
 
 _Spec = TypeVar("_Spec", bound="FactorSpec")
@@ -117,9 +116,7 @@ class FactorSpec(ABC):
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write an NPZ file; `load` reads it."""
-        header, arrays = self.to_parts()
-        with Path(path).open("wb") as file:
-            np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
+        write_parts(path, *self.to_parts())
 
     @classmethod
     def load(cls: type[_Spec], path: str | os.PathLike[str]) -> _Spec:
@@ -128,11 +125,8 @@ class FactorSpec(ABC):
         Raises:
             FactorError: for a file of another kind.
         """
-        with np.load(path, allow_pickle=False) as file:
-            if "header" not in file:
-                raise FactorError(f"{os.fspath(path)} holds no {cls.__name__}")
-            arrays = {name: file[name] for name in file.files if name != "header"}
-            return cls.from_dict({**json.loads(str(file["header"])), "arrays": arrays})
+        header, arrays = read_parts(path, cls.__name__)
+        return cls.from_dict({**header, "arrays": arrays})
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self).from_dict, (self.to_dict(),)

@@ -2,24 +2,24 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Graphs with our factors, copied and stored: what GTSAM can do with native factors alone."""
 
-import json
 import os
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import gtsam
-import numpy as np
+from gtsam import noiseModel
 
 from ruledgraph_factors.errors import FactorError
 from ruledgraph_factors.factor import RuledSurfaceFactor
 from ruledgraph_factors.factor_spec import FactorSpec, SpecFactor, spec_of
 from ruledgraph_factors.line_distance import LineDistanceFactor, LineDistanceSpec
 from ruledgraph_factors.new_line import NewLineFactor, NewLineSpec
+from ruledgraph_factors.noise import noise_to_dict
+from ruledgraph_factors.npz_file import read_parts, write_parts
 from ruledgraph_factors.same_line import SameLineFactor, SameLineSpec
 from ruledgraph_factors.spec import RuledSurfaceSpec
 
-_FORMAT = "ruledgraph_factors.graph/1"
+_FORMAT, _CONTENT = "ruledgraph_factors.graph/1", "graph of save_graph"
 _FACTORS: dict[type[FactorSpec], Any] = {
     RuledSurfaceSpec: RuledSurfaceFactor,
     NewLineSpec: NewLineFactor,
@@ -56,17 +56,19 @@ def save_graph(graph: gtsam.NonlinearFactorGraph, path: str | os.PathLike[str]) 
 
     Raises:
         FactorError: for a factor that cannot be stored, with its index: another `CustomFactor`, a
-            noise model written in Python, a native factor without serialisation.
+            robust noise model written in Python or with a constant that GTSAM does not restore
+            (Tukey's), a native factor without serialisation.
     """
     native = gtsam.NonlinearFactorGraph()
     native.resize(graph.size())
     headers: dict[str, Any] = {}
     arrays: dict[str, Any] = {}
     for index, factor, spec in _factors(graph):
-        if spec is None:
-            native.replace(index, factor)
-            continue
         try:
+            if spec is None:
+                _require_storable_loss(factor)
+                native.replace(index, factor)
+                continue
             parts = spec.to_parts()
         except FactorError as error:
             raise FactorError(f"graph: factor {index}: {error}") from None
@@ -77,8 +79,7 @@ def save_graph(graph: gtsam.NonlinearFactorGraph, path: str | os.PathLike[str]) 
     except RuntimeError as error:
         raise FactorError(f"graph: GTSAM cannot store one of its factors: {error}") from None
     header = {"format": _FORMAT, "size": graph.size(), "native": archive, "factors": headers}
-    with Path(path).open("wb") as file:
-        np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
+    write_parts(path, header, arrays)
 
 
 def load_graph(path: str | os.PathLike[str]) -> gtsam.NonlinearFactorGraph:
@@ -87,11 +88,9 @@ def load_graph(path: str | os.PathLike[str]) -> gtsam.NonlinearFactorGraph:
     Raises:
         FactorError: for a file of another kind, or an archive that this GTSAM cannot read.
     """
-    with np.load(path, allow_pickle=False) as file:
-        header = json.loads(str(file["header"])) if "header" in file else {}
-        if header.get("format") != _FORMAT:
-            raise FactorError(f"{os.fspath(path)} holds no graph of save_graph")
-        arrays = {name: file[name] for name in file.files if name != "header"}
+    header, arrays = read_parts(path, _CONTENT)
+    if header.get("format") != _FORMAT:
+        raise FactorError(f"{os.fspath(path)} holds no {_CONTENT}")
     graph = gtsam.NonlinearFactorGraph()
     try:
         graph.deserialize(header["native"])
@@ -111,6 +110,13 @@ def load_graph(path: str | os.PathLike[str]) -> gtsam.NonlinearFactorGraph:
         spec = kind.from_dict({**parts, "arrays": own[index]})
         graph.replace(int(index), build_factor(spec))
     return graph
+
+
+def _require_storable_loss(factor: gtsam.NonlinearFactor) -> None:
+    """Of a native factor: GTSAM's archive would change some losses without a word."""
+    model = factor.noiseModel() if isinstance(factor, gtsam.NoiseModelFactor) else None
+    if isinstance(model, noiseModel.Robust):
+        noise_to_dict(model)
 
 
 def _factors(

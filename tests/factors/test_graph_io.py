@@ -3,6 +3,7 @@
 """Graphs of our factors and native ones, copied and stored."""
 
 import gc
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -154,3 +155,66 @@ def test_a_file_with_factors_of_another_version_is_named(tmp_path: Path) -> None
     np.savez(tmp_path / "older.npz", **{**parts, "header": np.array(header)})
     with pytest.raises(FactorError, match=r"factors of format '.*RuledSurfaceSpec/1', not one of"):
         load_graph(tmp_path / "older.npz")
+
+
+def write_nothing(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def write_text(path: Path) -> None:
+    path.write_text("0 1 2\n")
+
+
+def write_one_array(path: Path) -> None:
+    with path.open("wb") as file:
+        np.save(file, np.zeros(3))
+
+
+def write_other_header(path: Path) -> None:
+    np.savez(path, header=np.array("no JSON"))
+
+
+def write_half_a_file(path: Path) -> None:
+    save_graph(mixed_graph()[0], path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+
+
+FILES = (write_nothing, write_text, write_one_array, write_other_header, write_half_a_file)
+
+
+@pytest.mark.parametrize("write", FILES)
+def test_files_of_other_kinds_are_named(write: Callable[[Path], None], tmp_path: Path) -> None:
+    path = tmp_path / "other.npz"
+    write(path)
+    with pytest.raises(FactorError, match=r"other\.npz holds no graph of save_graph"):
+        load_graph(path)
+    with pytest.raises(FactorError, match=r"other\.npz holds no RuledSurfaceSpec"):
+        RuledSurfaceSpec.load(path)
+
+
+def test_a_file_that_does_not_exist_stays_an_error_of_the_system(tmp_path: Path) -> None:
+    for load in (load_graph, RuledSurfaceSpec.load):
+        with pytest.raises(FileNotFoundError):
+            load(tmp_path / "none.npz")
+
+
+@pytest.mark.parametrize("loss", ["Tukey", "AsymmetricTukey"])
+def test_a_loss_that_gtsam_does_not_restore_is_refused_of_native_factors(
+    loss: str, tmp_path: Path
+) -> None:
+    graph, _ = mixed_graph()
+    estimator = getattr(noiseModel.mEstimator, loss).Create(40.0)
+    graph.addPriorPose3(
+        X(0), gtsam.Pose3(), noiseModel.Robust.Create(estimator, noiseModel.Unit.Create(6))
+    )
+    with pytest.raises(FactorError, match=f"factor {graph.size() - 1}: .* hold the constant"):
+        save_graph(graph, tmp_path / "graph.npz")
+    assert not (tmp_path / "graph.npz").exists()
+
+
+def test_other_robust_native_factors_are_kept(tmp_path: Path) -> None:
+    graph, values = mixed_graph()
+    graph.addPriorPose3(X(0), gtsam.Pose3(), robust(6))
+    save_graph(graph, tmp_path / "graph.npz")
+    assert_equal(load_graph(tmp_path / "graph.npz"), graph, values)
