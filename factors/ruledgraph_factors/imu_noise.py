@@ -17,6 +17,8 @@ together then know the motion to P, not to P / n (covariance intersection with e
 never too little, and of the lines themselves more than needed.
 """
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 from gtsam import noiseModel
@@ -24,14 +26,16 @@ from gtsam import noiseModel
 from ruledgraph_factors.errors import FactorError
 from ruledgraph_factors.evaluation import evaluation
 from ruledgraph_factors.factor import RuledSurfaceFactor, state_at
+from ruledgraph_factors.factor_spec import spec_of
 from ruledgraph_factors.motion import FrameMotion
 from ruledgraph_factors.observations import GeometricPoints
 from ruledgraph_factors.so3 import hat
+from ruledgraph_factors.spec import RuledSurfaceSpec
 from ruledgraph_factors.validation import FloatArray, positive_number
 
 
 def with_imu_noise(
-    factor: RuledSurfaceFactor,
+    factor: gtsam.NonlinearFactor,
     values: gtsam.Values,
     accelerometer_noise: float,
     gyroscope_noise: float,
@@ -44,7 +48,8 @@ def with_imu_noise(
     with a plain factor first if its distance is a guess.
 
     Args:
-        factor: geometric residual, of any form with a state; its noise model is not robust.
+        factor: a ruled-surface factor, also as a graph hands it back; geometric residual, of any
+            form with a state; its noise model is not robust and has none of this noise yet.
         values: holds the factor's variables.
         accelerometer_noise: density of the white noise, m/s^2/sqrt(Hz).
         gyroscope_noise: likewise, rad/s/sqrt(Hz).
@@ -53,7 +58,13 @@ def with_imu_noise(
     Raises:
         FactorError: naming the argument that is wrong.
     """
-    spec = factor.spec
+    spec = spec_of(factor)
+    if not isinstance(spec, RuledSurfaceSpec):
+        raise FactorError(f"factor must be a ruled-surface factor, not a {type(factor).__name__}")
+    if spec.has_imu_noise:
+        raise FactorError(
+            "factor: its noise model has the IMU's noise already; pass the factor without it"
+        )
     if not isinstance(spec.points, GeometricPoints) or spec.form == "pose":
         raise FactorError("factor must be of geometric points and of a state")
     if not isinstance(spec.noise_model, noiseModel.Gaussian):
@@ -74,7 +85,7 @@ def with_imu_noise(
     shared = np.einsum("iab,ibjc,jdc->iajd", by_error, motion, by_error)
     covariance = spec.noise_model.covariance() + lines * shared.reshape(3 * count, 3 * count)
     noise = noiseModel.Gaussian.Covariance(0.5 * (covariance + covariance.T), False)
-    return RuledSurfaceFactor(spec.with_noise(noise))
+    return RuledSurfaceFactor(replace(spec, noise_model=noise, has_imu_noise=True))
 
 
 def motion_covariance(

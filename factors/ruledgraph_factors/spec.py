@@ -65,6 +65,8 @@ class RuledSurfaceSpec(FactorSpec):
     camera_variables: tuple[CameraVariable, ...] = ()
     """Some of "time", "extrinsics" and "focal", in this order; "pose" has no time, and where
     gravity is a variable none of the camera is."""
+    has_imu_noise: bool = False
+    """Whether `with_imu_noise` made the noise model."""
 
     def __post_init__(self) -> None:
         if self.form not in get_args(Form):
@@ -143,12 +145,16 @@ class RuledSurfaceSpec(FactorSpec):
         return replace(self, keys=(*self.keys[:-1], line_key), chart=chart)
 
     def with_noise(self, noise_model: noiseModel.Base) -> "RuledSurfaceSpec":
-        """The same with another noise model."""
-        return replace(self, noise_model=noise_model)
+        """The same with another noise model, of the points alone."""
+        return replace(self, noise_model=noise_model, has_imu_noise=False)
 
     def _header(self) -> dict[str, Any]:
-        variables = list(self.camera_variables)
-        return {**super()._header(), "form": self.form, "camera_variables": variables}
+        return {
+            **super()._header(),
+            "form": self.form,
+            "camera_variables": list(self.camera_variables),
+            "has_imu_noise": self.has_imu_noise,
+        }
 
     def _arrays(self) -> dict[str, Any]:
         arrays: dict[str, Any] = {
@@ -195,4 +201,6 @@ class RuledSurfaceSpec(FactorSpec):
             body_T_cam=pose3("body_T_cam", arrays["body_T_cam"]),
             gravity=arrays["gravity"],
             camera_variables=tuple(header["camera_variables"]),
+            # Not in files of before it was there.
+            has_imu_noise=bool(header.get("has_imu_noise", False)),
         )

@@ -2,10 +2,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The noise of the IMU between a state and its frames in a factor's noise model."""
 
+import gc
+from pathlib import Path
+
 import gtsam
 import numpy as np
 import pytest
 from gtsam import noiseModel
+from gtsam.symbol_shorthand import L, X
 from scipy.stats import chi2
 
 from benchmarks import line_nees
@@ -15,8 +19,14 @@ from ruledgraph_factors import (
     FactorError,
     ImuSamples,
     ReprojectionPoints,
+    RuledSurfaceFactor,
+    RuledSurfaceSpec,
+    clone_graph,
+    load_graph,
+    move_line,
     preintegrate_frames,
     ruled_surface_factor,
+    save_graph,
     with_imu_noise,
 )
 from ruledgraph_factors.imu_noise import motion_covariance
@@ -115,3 +125,40 @@ def test_what_it_cannot_do_is_said() -> None:
     )
     with pytest.raises(FactorError, match="must be Gaussian, not robust"):
         with_imu_noise(factor, case.values, *figures)
+
+
+def test_it_takes_what_a_graph_hands_back() -> None:
+    case = random_case(3)
+    expected = with_imu_noise(case.factor("node"), case.values, ACCELEROMETER, GYROSCOPE)
+    graph = gtsam.NonlinearFactorGraph()
+    graph.add(case.factor("node"))
+    gc.collect()  # Python lets go of the factor
+    assert type(graph.at(0)) is gtsam.CustomFactor
+    found = with_imu_noise(graph.at(0), case.values, ACCELEROMETER, GYROSCOPE)
+    assert found.spec.noise_model.equals(expected.spec.noise_model, 0.0)
+    prior = gtsam.PriorFactorPose3(X(0), gtsam.Pose3(), noiseModel.Unit.Create(6))
+    with pytest.raises(FactorError, match="must be a ruled-surface factor, not a PriorFactorPose3"):
+        with_imu_noise(prior, case.values, ACCELEROMETER, GYROSCOPE)
+
+
+def test_it_does_not_add_the_noise_twice(tmp_path: Path) -> None:
+    case = random_case(3)
+    figures = ACCELEROMETER, GYROSCOPE
+    once = with_imu_noise(case.factor("node"), case.values, *figures)
+    graph = gtsam.NonlinearFactorGraph()
+    graph.add(once)
+    save_graph(graph, tmp_path / "graph.npz")
+    moved = move_line(graph, L(0), L(1), case.chart).factors
+    stored = load_graph(tmp_path / "graph.npz")
+    for factor in (once, graph.at(0), clone_graph(graph).at(0), moved.at(0), stored.at(0)):
+        with pytest.raises(FactorError, match="has the IMU's noise already"):
+            with_imu_noise(factor, case.values, *figures)
+    plain = RuledSurfaceFactor(once.spec.with_noise(case.factor("node").spec.noise_model))
+    again = with_imu_noise(plain, case.values, *figures)
+    assert again.spec.noise_model.equals(once.spec.noise_model, 0.0)
+
+
+def test_a_spec_of_before_there_was_such_noise_is_read() -> None:
+    data = random_case(3).factor("node").spec.to_dict()
+    del data["has_imu_noise"]
+    assert not RuledSurfaceSpec.from_dict(data).has_imu_noise
