@@ -20,6 +20,7 @@ from ruledgraph_factors.first_window import solve_first_window
 from ruledgraph_factors.graph_io import build_factor, clone_graph, load_graph, save_graph
 from ruledgraph_factors.gravity import level_attitude
 from ruledgraph_factors.imu_noise import with_imu_noise
+from ruledgraph_factors.imu_samples import ImuSamples, ImuSegment
 from ruledgraph_factors.kernel import active_kernel
 from ruledgraph_factors.line import LineChart
 from ruledgraph_factors.line_distance import (
@@ -30,8 +31,6 @@ from ruledgraph_factors.line_distance import (
 from ruledgraph_factors.motion import (
     STANDARD_GRAVITY,
     FrameMotion,
-    ImuSamples,
-    ImuSegment,
     preintegrate_frames,
 )
 from ruledgraph_factors.native_factor import native_factor

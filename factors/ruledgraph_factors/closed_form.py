@@ -24,7 +24,8 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from ruledgraph_factors.motion import STANDARD_GRAVITY, FrameMotion, ImuSamples, preintegrate_frames
+from ruledgraph_factors.imu_samples import ImuSamples
+from ruledgraph_factors.motion import STANDARD_GRAVITY, FrameMotion, preintegrate_frames
 from ruledgraph_factors.observations import GeometricPoints
 from ruledgraph_factors.so3 import exp_and_right_jacobian
 from ruledgraph_factors.validation import FloatArray

@@ -17,7 +17,7 @@ Source: tangent-space preintegration as in GTSAM's `TangentPreintegration`, whic
 this integrator; the numbers agree with GTSAM's `predict`.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ruledgraph_factors.errors import FactorError
-from ruledgraph_factors.integration import integrate_in_numpy, segments_in_numpy
+from ruledgraph_factors.imu_samples import ImuSamples, bias_vector
+from ruledgraph_factors.integration import integrate_in_numpy
 from ruledgraph_factors.kernel import active_kernel, native
 from ruledgraph_factors.so3 import exp_and_right_jacobian, hat, inverse_right_jacobian
 from ruledgraph_factors.validation import (
@@ -40,92 +41,6 @@ from ruledgraph_factors.validation import (
 
 STANDARD_GRAVITY: tuple[float, float, float] = (0.0, 0.0, -9.81)
 """Default gravity in the world frame (z up), m/s^2."""
-
-
-class ImuSegment(NamedTuple):
-    """A stretch of constant IMU measurement, in the argument order of GTSAM's
-    `integrateMeasurement(accelerometer, gyroscope, dt)`.
-    """
-
-    accelerometer: FloatArray
-    gyroscope: FloatArray
-    dt: float
-
-
-class ImuSamples:
-    """Raw IMU samples: strictly increasing times (N,) in s, gyroscope (N, 3) in rad/s and
-    accelerometer (N, 3) in m/s^2 (specific force), both in the body frame, N >= 2.
-
-    Any rate, also an uneven one. Between samples both signals are interpolated linearly, over a gap
-    in the recording, too: look for gaps before.
-
-    Raises:
-        FactorError: for NaN, wrong shapes, times that do not increase, fewer than two samples.
-    """
-
-    def __init__(self, times: ArrayLike, gyroscope: ArrayLike, accelerometer: ArrayLike) -> None:
-        self.times = increasing_times("times", times)
-        count = self.times.size
-        if count < 2:
-            raise FactorError("times: at least two IMU samples are needed, got 1")
-        self.gyroscope = finite_array("gyroscope", gyroscope, (count, 3))
-        self.accelerometer = finite_array("accelerometer", accelerometer, (count, 3))
-
-    def segments(
-        self,
-        start: float,
-        stop: float,
-        at: ArrayLike = (),
-        bias: gtsam.imuBias.ConstantBias | None = None,
-    ) -> Iterator[ImuSegment]:
-        """Constant-measurement segments that cover [start, stop] without a gap (s).
-
-        Segments break at every sample and at every time in `at`. Each carries the mean of the
-        interpolated signal over its length. Its accelerometer value is turned from the middle of
-        the segment to its start, f' = Exp((w - b_g) dt / 2) (f - b_a) + b_a: GTSAM's integrators
-        apply it with the orientation at the start, an error of w x f dt / 2 (0.02 m/s^2 at 1 rad/s
-        and 200 Hz) that this takes out.
-
-        Feed the segments to a GTSAM preintegration, so that the factor between two states and the
-        frames between them see the same motion.
-
-        Args:
-            start: within the samples, s.
-            stop: likewise, not before `start`.
-            at: further times to break at, such as frame times.
-            bias: current estimate, by default zero; only the turn above uses it.
-
-        Raises:
-            FactorError: when [start, stop] reaches outside the samples.
-        """
-        breaks, force, rate = self._segment_arrays(start, stop, at, _bias_vector(bias))
-        for segment in zip(force, rate, (breaks[1:] - breaks[:-1]).tolist(), strict=True):
-            yield ImuSegment(*segment)
-
-    def _segment_arrays(
-        self, start: float, stop: float, at: ArrayLike, b: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Breaks (n + 1,), accelerometer (n, 3) and gyroscope (n, 3) of the n `segments`."""
-        start, stop = number("start", start), number("stop", stop)
-        if stop < start:
-            raise FactorError(f"stop = {stop:.9f} s lies before start = {start:.9f} s")
-        if start < self.times[0] - SAME_TIME or stop > self.times[-1] + SAME_TIME:
-            raise FactorError(
-                f"IMU samples cover {self.times[0]:.9f} to {self.times[-1]:.9f} s, "
-                f"but {start:.9f} to {stop:.9f} s is asked for"
-            )
-        first, last = float(self.times[0]), float(self.times[-1])
-        start, stop = min(max(start, first), last), min(max(stop, first), last)
-        inside = [time for time in np.asarray(at, dtype=float).tolist() if start <= time <= stop]
-        cut = native.segments if active_kernel() == "native" else segments_in_numpy
-        return cut(self.times, self.accelerometer, self.gyroscope, [start, stop, *inside], b)
-
-
-def _bias_vector(bias: gtsam.imuBias.ConstantBias | None) -> FloatArray:
-    if bias is None:
-        return np.zeros(6)
-    instance("bias", bias, gtsam.imuBias.ConstantBias)
-    return finite_array("bias", bias.vector(), (6,))
 
 
 class PredictedPoses(NamedTuple):
@@ -225,7 +140,7 @@ class FrameMotion:
             state.attitude().matrix(),
             state.position(),
             state.velocity(),
-            _bias_vector(bias),
+            bias_vector(bias),
             finite_array("gravity", gravity, (3,)),
             want_jacobian=False,
             time_shift=time_shift,
@@ -242,7 +157,7 @@ class FrameMotion:
         gravity: ArrayLike = STANDARD_GRAVITY,
     ) -> FloatArray:
         """Of the body in the world at every frame, v_t = v + g t + R dv(b), (n, 3), m/s."""
-        gained = self.corrected(_bias_vector(bias))[:, 6:9] @ state.attitude().matrix().T
+        gained = self.corrected(bias_vector(bias))[:, 6:9] @ state.attitude().matrix().T
         fallen = self.elapsed[:, None] * finite_array("gravity", gravity, (3,))
         return np.asarray(state.velocity() + fallen + gained)
 
@@ -327,13 +242,11 @@ def preintegrate_frames(
             f"frame_times[0] = {times[0]:.9f} s lies before the state at {node_time:.9f} s"
         )
     times = np.maximum(times, node_time)
-    bias_vector = _bias_vector(bias)
-    breaks, force, rate = imu._segment_arrays(node_time, float(times[-1]), times, bias_vector)
+    b = bias_vector(bias)
+    breaks, force, rate = imu._segment_arrays(node_time, float(times[-1]), times, b)
     deltas, jacobians = np.empty((breaks.size, 9)), np.empty((breaks.size, 9, 6))
     integrate = native.integrate if active_kernel() == "native" else integrate_in_numpy
-    last = integrate(
-        force - bias_vector[:3], rate - bias_vector[3:], np.diff(breaks), deltas, jacobians
-    )
+    last = integrate(force - b[:3], rate - b[3:], np.diff(breaks), deltas, jacobians)
     if deltas[last, :3] @ deltas[last, :3] > np.pi**2:
         raise FactorError(
             f"frame_times: the body turns by more than half a turn from {node_time:.3f} s "
@@ -344,7 +257,7 @@ def preintegrate_frames(
     if with_time:
         # d theta / dt = Jr(theta)^-1 w, d dp / dt = dv
         at = [np.interp(times, imu.times, column) for column in imu.gyroscope.T]
-        rate = np.stack(at, axis=1) - bias_vector[3:]
+        rate = np.stack(at, axis=1) - b[3:]
         turning = np.einsum("nij,nj->ni", inverse_right_jacobian(delta[:, :3]), rate)
         by_time = np.hstack([turning, delta[:, 6:]])
-    return FrameMotion(times - node_time, delta, jacobians[at_frames], bias_vector, by_time)
+    return FrameMotion(times - node_time, delta, jacobians[at_frames], b, by_time)
