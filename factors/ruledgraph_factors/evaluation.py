@@ -90,7 +90,12 @@ def writing(spec: RuledSurfaceSpec) -> Write:
 
 
 def _own(spec: RuledSurfaceSpec, state: State) -> State:
-    """Without what is no variable of the factor."""
+    """Without what is no variable of the factor.
+
+    Raises:
+        FactorError: for frames that are shifted in time, but do not know how they would move.
+    """
+    spec.motion.require_time(state.time_shift)
     if spec.has_extrinsics and spec.has_focal_ratio:
         return state
     return state._replace(

@@ -103,9 +103,17 @@ class FrameMotion:
         return int(self.elapsed.size)
 
     def select(self, frames: Sequence[int] | slice) -> "FrameMotion":
-        """The motion of some of the frames, for a line that is not seen in all of them."""
-        index = frames if isinstance(frames, slice) else np.asarray(frames)
-        if isinstance(index, np.ndarray) and index.dtype.kind not in "iu":
+        """The motion of some of the frames, for a line that is not seen in all of them.
+
+        Raises:
+            FactorError: for no frames, or some that there are not.
+        """
+        if isinstance(frames, slice):
+            frames = range(len(self))[frames]
+        index = np.asarray(frames)
+        if index.size == 0:
+            raise FactorError(f"frames: none of the {len(self)} frames is selected")
+        if index.dtype.kind not in "iu":
             raise FactorError(f"frames must be indices, not {index.dtype}")
         try:
             return FrameMotion(
@@ -118,8 +126,25 @@ class FrameMotion:
         except IndexError as error:
             raise FactorError(f"frames: {error}") from None
 
+    def require_time(self, time_shift: float) -> None:
+        """Raise for a shift of frames that do not know how they would move.
+
+        Raises:
+            FactorError: unless `time_shift` is zero or there is a `time_jacobian`.
+        """
+        if time_shift != 0.0 and self.time_jacobian is None:
+            raise FactorError(
+                f"time_shift is {time_shift:g} s, but the motion has no time_jacobian: use "
+                "preintegrate_frames(..., with_time=True)"
+            )
+
     def corrected(self, bias: FloatArray, time_shift: float = 0.0) -> FloatArray:
-        """(theta, dp, dv) at `bias` (6,) and `time_shift` (s) to first order, (n, 9)."""
+        """(theta, dp, dv) at `bias` (6,) and `time_shift` (s) to first order, (n, 9).
+
+        Raises:
+            FactorError: for a shift of a motion without `time_jacobian`.
+        """
+        self.require_time(time_shift)
         found = self.preintegrated + self.bias_jacobian @ (bias - self.bias)
         if self.time_jacobian is not None:
             found[:, :6] += self.time_jacobian * time_shift
@@ -180,7 +205,11 @@ class FrameMotion:
             bias: accelerometer and gyroscope, (6,).
             gravity: in the world, (3,), m/s^2.
             want_jacobian: whether to fill `PredictedPoses.jacobian`.
-            time_shift: how much later than `elapsed` the frames were taken, s.
+            time_shift: how much later than `elapsed` the frames were taken, s; of a motion with a
+                `time_jacobian`.
+
+        Raises:
+            FactorError: for a shift of a motion without one.
         """
         delta = self.corrected(bias, time_shift)
         t = self.elapsed[:, None]

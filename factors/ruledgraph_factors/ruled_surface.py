@@ -62,7 +62,7 @@ class State(NamedTuple):
     line: FloatArray
     """Delta of the chart, (4,)."""
     time_shift: float = 0.0
-    """How much later than their motion says the frames were taken, s."""
+    """How much later than their motion says the frames were taken, s; it has a `time_jacobian`."""
     body_T_cam: FloatArray | None = None
     """The camera's pose in the body, (4, 4), where it is a variable."""
     focal_ratio: float | None = None

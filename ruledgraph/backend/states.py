@@ -112,6 +112,11 @@ class Interval:
         return 0.0 if offset is None else offset.value
 
     @property
+    def _time_shift(self) -> float:
+        """The same for `motion`: zero at rest, where frames are not shifted in time."""
+        return 0.0 if self.motion.time_jacobian is None else self.residual_offset
+
+    @property
     def focal_ratio(self) -> float:
         """Estimate of F(k), see `FocalRatioVariable`; 1 when that is not estimated."""
         ratio = self.camera.focal_ratio
@@ -129,7 +134,7 @@ class Interval:
         cached, node = self._cached_poses, self.node
         if cached is None or cached[0] is not node.state:
             poses = self.motion.poses(
-                node.state, node.bias, self.gravity, time_shift=self.residual_offset
+                node.state, node.bias, self.gravity, time_shift=self._time_shift
             )
             cached = self._cached_poses = node.state, poses
         return cached[1]
@@ -151,7 +156,7 @@ class Interval:
         bias = self.node.bias.vector()
         extrinsics, ratio = self.camera.extrinsics, self.focal_ratio
         camera = None if extrinsics is None else extrinsics.body_T_cam.matrix()
-        return State(pose, velocity, bias, self.gravity, delta, self.residual_offset, camera, ratio)
+        return State(pose, velocity, bias, self.gravity, delta, self._time_shift, camera, ratio)
 
     def sightings_of(self, track: LineTrack) -> "IntervalSightings":
         """Of a line, in the reliable frames."""

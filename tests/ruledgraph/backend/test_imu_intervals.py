@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from ruledgraph.backend.imu_intervals import imu_interval
-from ruledgraph.backend.self_calibration import AS_CALIBRATED
+from ruledgraph.backend.self_calibration import AS_CALIBRATED, CameraVariables
 from ruledgraph.backend.states import Interval, StateNode
+from ruledgraph.backend.time_offset import TimeOffsetVariable
 from ruledgraph.calibration.sensors import ADIS16448_LIKE
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.frame_history import FrameTime
@@ -17,7 +18,12 @@ TIMES = np.arange(0.0, 0.3001, 0.005)
 SIGMA = 0.02
 
 
-def turned(rate: np.ndarray, start: gtsam.Rot3) -> Interval:
+def turned(
+    rate: np.ndarray,
+    start: gtsam.Rot3,
+    camera: CameraVariables = AS_CALIBRATED,
+    still: bool = False,
+) -> Interval:
     """A body that turns on the spot for 0.3 s."""
     imu = ImuBuffer()
     for time in TIMES.tolist():
@@ -34,8 +40,8 @@ def turned(rate: np.ndarray, start: gtsam.Rot3) -> Interval:
         imu,
         ADIS16448_LIKE,
         SIGMA,
-        AS_CALIBRATED,
-        False,
+        camera,
+        still,
     )
     return found
 
@@ -80,3 +86,13 @@ def test_scale_factors_are_within_it():
     size = np.trace(of_scales) / 3.0
     # Variances of 20,000 are good to 1 %: five of these.
     np.testing.assert_allclose(covariance - walk, of_scales, atol=0.05 * size)
+
+
+def test_frames_of_a_rest_are_not_shifted_in_time():
+    camera = CameraVariables(TimeOffsetVariable(0, 0.0, 0.01, 1e-3, 0.0))
+    for still, shift in ((False, 0.01), (True, 0.0)):
+        interval = turned(np.array([0.0, 0.0, 1.0]), gtsam.Rot3(), camera, still)
+        # Beside the first frame's 0.15 rad.
+        assert interval.poses()[0].rotation().yaw() == pytest.approx(0.15 + shift, abs=1e-6)
+        assert interval.state(np.zeros(4)).time_shift == shift
+        assert interval.residual_offset == 0.01
