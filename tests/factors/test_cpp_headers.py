@@ -93,13 +93,14 @@ def test_motions_are_those_of_python(program: Path) -> None:
     bias = gtsam.imuBias.ConstantBias(vector[:3], vector[3:])
     pose, velocity = random_pose(rng), rng.normal(size=3)
     samples = np.column_stack([times, accelerometer, gyroscope])
-    data = [1, len(samples), samples, node, len(frames), frames, vector, pose, velocity, now]
+    data = [1, len(samples), samples, node, len(frames), frames, vector, pose, velocity, now, 0.01]
     found = Reader(run(program, "values", text=numbers_of(data)))
 
     imu = ImuSamples(times, gyroscope, accelerometer)
     motion = preintegrate_frames(imu, node, frames, bias, with_time=True)
     state = gtsam.NavState(pose, velocity)
-    poses = motion.poses(state, gtsam.imuBias.ConstantBias(now[:3], now[3:]))
+    bias_now = gtsam.imuBias.ConstantBias(now[:3], now[3:])
+    poses = motion.poses(state, bias_now, time_shift=0.01)
     assert motion.time_jacobian is not None
     for i, frame_pose in enumerate(poses):
         for expected in (

@@ -28,10 +28,18 @@ struct FrameMotions {
     return {{{0.0, Vector6::Zero(), Matrix6::Zero()}}, Vector6::Zero(), false};
   }
 
-  /// The motion of some of the frames, for a line that is not seen in all of them.
+  /// Throws std::invalid_argument where there is no such frame.
+  const FrameMotion& at(std::size_t frame) const {
+    if (frame >= frames.size()) throw std::invalid_argument("ruledgraph: there is no such frame");
+    return frames[frame];
+  }
+
+  /// The motion of some of the frames, for a line that is not seen in all of them. Throws
+  /// std::invalid_argument for none, or some that there are not.
   FrameMotions select(const std::vector<std::size_t>& indices) const {
+    if (indices.empty()) throw std::invalid_argument("ruledgraph: no frame is selected");
     FrameMotions chosen{{}, bias, timed};
-    for (const std::size_t i : indices) chosen.frames.push_back(frames.at(i));
+    for (const std::size_t i : indices) chosen.frames.push_back(at(i));
     return chosen;
   }
 };
@@ -39,16 +47,17 @@ struct FrameMotions {
 /// Preintegrate the IMU from a node to every frame after it, linearised at `bias` (accelerometer,
 /// gyroscope): the current estimate. Times are in s, those of the frames strictly increasing, the
 /// first at or after the node; the samples cover them. With `with_time` the frames know how they
-/// would move if they had been taken later. Throws std::invalid_argument for times that do not fit
-/// and where the body turns by more than pi.
+/// would move if they had been taken later. Throws std::invalid_argument for times that do not fit,
+/// samples or a bias that are not finite, and where the body turns by more than pi.
 inline FrameMotions preintegrate_frames(const ImuSamples& imu, double node_time,
                                         const std::vector<double>& frame_times, const Vector6& bias,
                                         bool with_time = false) {
   const auto require = [](bool condition, const char* message) {
     if (!condition) throw std::invalid_argument(message);
   };
-  constexpr double kSameTime = 1e-6, kHalfTurn = 3.14159265358979323846;
+  constexpr double kHalfTurn = 3.14159265358979323846;
   require(imu.times.size() >= 2, "ruledgraph: at least two IMU samples are needed");
+  require(bias.allFinite(), "ruledgraph: the bias is not finite");
   require(!frame_times.empty(), "ruledgraph: no frame times");
   for (std::size_t i = 1; i < frame_times.size(); ++i) {
     require(frame_times[i] > frame_times[i - 1], "ruledgraph: frame times must increase");
@@ -91,14 +100,14 @@ inline FrameMotions preintegrate_frames(const ImuSamples& imu, double node_time,
 }
 
 /// Pose of a frame from the node's state; times body_T_cam, its camera's. The state's line has no
-/// part in it.
+/// part in it. Throws std::invalid_argument as `corrected` does, and where there is no such frame.
 inline Pose frame_pose(const FrameMotions& motions, std::size_t frame, const State& state) {
-  const FrameMotion& motion = motions.frames.at(frame);
-  const double t = motion.elapsed;
-  const Vector6 delta = motion.preintegrated + motion.bias_jacobian * (state.bias - motions.bias);
+  const FrameMotion& motion = motions.at(frame);
+  const Vector6 delta = corrected(motion, state, motions.bias, motions.timed);
+  const double t = motion.elapsed, shift = state.time_shift;
   return {state.rotation * exponential(delta.head<3>()).rotation,
-          state.position + state.velocity * t + state.gravity * (0.5 * t * t) +
-              state.rotation * delta.tail<3>()};
+          state.position + state.velocity * (t + shift) +
+              state.gravity * (0.5 * t * t + t * shift) + state.rotation * delta.tail<3>()};
 }
 
 }  // namespace ruledgraph

@@ -23,6 +23,10 @@ constexpr double kNoCap = std::numeric_limits<double>::infinity();
 
 namespace detail {
 
+inline void require_frames(const std::vector<PointRows>& frames) {
+  if (frames.empty()) throw std::invalid_argument("ruledgraph: there are no frames");
+}
+
 /// The root of the weight of each of a frame's points that keeps their sum below a cap.
 inline double capped_sqrt_weight(const PointRows& points, double effective_points) {
   if (points.rows() == 0 || !points.allFinite()) {
@@ -83,9 +87,11 @@ inline Eigen::Matrix2Xd middles(const ReprojectionPoints& points) {
 
 /// The points of each frame, normalised image coordinates (N_i, 2), N_i >= 1, as triangular
 /// statistics. `effective_points` is the most that a frame may say, in points: neighbouring edge
-/// pixels are not independent. Throws std::invalid_argument for a frame without points.
+/// pixels are not independent. Throws std::invalid_argument for no frames, and for a frame without
+/// points or with one that is not finite.
 inline GeometricPoints compress_points(const std::vector<PointRows>& frames,
                                        double effective_points = kNoCap) {
+  detail::require_frames(frames);
   GeometricPoints compressed;
   for (const PointRows& points : frames) {
     const double root = detail::capped_sqrt_weight(points, effective_points);
@@ -125,9 +131,10 @@ inline GeometricPoints without_scatter(const GeometricPoints& points) {
   return found;
 }
 
-/// The same points one by one, for the reprojection residual.
+/// The same points one by one, for the reprojection residual. Throws likewise.
 inline ReprojectionPoints individual_points(const std::vector<PointRows>& frames,
                                             double effective_points = kNoCap) {
+  detail::require_frames(frames);
   Eigen::Index count = 0;
   for (const PointRows& points : frames) count += points.rows();
   ReprojectionPoints individual{Eigen::Matrix2Xd(2, count), Eigen::VectorXd(count), {}};

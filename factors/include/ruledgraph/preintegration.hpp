@@ -7,12 +7,16 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <stdexcept>
 #include <utility>
 #include <vector>
 
 #include "ruledgraph/so3.hpp"
 
 namespace ruledgraph {
+
+/// Times that differ by less are the same, s.
+constexpr double kSameTime = 1e-6;
 
 /// n stretches of constant measurement between n + 1 breaks; one column each.
 struct ImuSegments {
@@ -27,11 +31,14 @@ struct ImuSamples {
   Eigen::Map<const Eigen::Matrix3Xd> force, rate;
 
   /// As `ImuSamples.segments` in Python; the samples must reach from the first break to the last.
-  /// `breaks` may be in any order.
+  /// `breaks` may be in any order. Throws std::invalid_argument unless the samples in between are
+  /// finite and in order of time.
   ImuSegments segments(std::vector<double> breaks, const Vector3& force_bias,
                        const Vector3& rate_bias) const {
+    if (breaks.empty()) throw std::invalid_argument("ruledgraph: no times to break at");
     const auto [first, last] = std::minmax_element(breaks.begin(), breaks.end());
     const double start = *first, stop = *last;
+    check(start, stop);
     const double* end = times.data() + times.size();
     const double* inside = std::upper_bound(times.data(), end, start);
     breaks.insert(breaks.end(), inside, std::lower_bound(inside, end, stop));
@@ -57,11 +64,40 @@ struct ImuSamples {
 
   /// Force and rate at a time, interpolated linearly.
   std::pair<Vector3, Vector3> at(double time) const {
-    const double* after = std::upper_bound(times.data(), times.data() + times.size(), time);
-    const Eigen::Index i = std::clamp<Eigen::Index>(after - times.data() - 1, 0, times.size() - 2);
+    const Eigen::Index i = before(time);
     const double share = (time - times[i]) / (times[i + 1] - times[i]);
     return {force.col(i) + share * (force.col(i + 1) - force.col(i)),
             rate.col(i) + share * (rate.col(i + 1) - rate.col(i))};
+  }
+
+ private:
+  /// The first of the two samples that a time is interpolated between.
+  Eigen::Index before(double time) const {
+    const double* after = std::upper_bound(times.data(), times.data() + times.size(), time);
+    return std::clamp<Eigen::Index>(after - times.data() - 1, 0, times.size() - 2);
+  }
+
+  /// The samples that are used from `start` to `stop`; of a long recording there are many more.
+  void check(double start, double stop) const {
+    const auto require = [](bool condition, const char* message) {
+      if (!condition) throw std::invalid_argument(message);
+    };
+    const Eigen::Index count = times.size();
+    require(count >= 2 && force.cols() == count && rate.cols() == count,
+            "ruledgraph: there must be as many times, forces and rates, at least two");
+    const Eigen::Index first = before(start), last = before(stop) + 1;
+    // Of times that are not in order the search may end anywhere: their neighbours are looked at,
+    // too. Comparisons with NaN are false.
+    bool in_order = times[first] <= start + kSameTime && stop <= times[last] + kSameTime;
+    const Eigen::Index end = std::min(last + 1, count - 1);
+    for (Eigen::Index i = std::max<Eigen::Index>(first - 1, 0); i < end; ++i) {
+      in_order &= times[i] < times[i + 1];
+    }
+    require(in_order,
+            "ruledgraph: the IMU samples are not in order of time, or do not reach so far");
+    require(force.middleCols(first, last - first + 1).allFinite() &&
+                rate.middleCols(first, last - first + 1).allFinite(),
+            "ruledgraph: an IMU sample is not finite");
   }
 };
 

@@ -21,10 +21,9 @@
 
 #include "ruledgraph/line_chart.hpp"
 #include "ruledgraph/so3.hpp"
+#include "ruledgraph/state.hpp"
 
 namespace ruledgraph {
-
-using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
 constexpr int kColumns = 22;
 constexpr int kPose = 0, kVelocity = 6, kBias = 9, kGravity = 15, kLine = 18, kTime = 22;
@@ -33,26 +32,6 @@ constexpr double kNoRuling = 1e-9;
 constexpr double kBehindCameraResidual = 2.0;
 constexpr double kNegligibleDepth = 1e-9;
 constexpr double kEndOn = 1e-18;
-
-/// What a factor depends on; SI units, world quantities unless said otherwise.
-struct State {
-  Matrix3 rotation;  ///< world_R_body of the node
-  Vector3 position;
-  Vector3 velocity;
-  Vector6 bias;  ///< accelerometer, gyroscope; body
-  Vector3 gravity;
-  Eigen::Vector4d line;      ///< in the chart
-  double time_shift = 0.0;   ///< how much later the frames were taken; of a timed geometry
-  double focal_ratio = 1.0;  ///< of the camera to the one that points were normalised with
-};
-
-/// Preintegrated motion from the node to one frame.
-struct FrameMotion {
-  double elapsed;
-  Vector6 preintegrated;                    ///< (theta, dp) at the bias integrated with
-  Matrix6 bias_jacobian;                    ///< its derivative by the bias
-  Vector6 time_jacobian = Vector6::Zero();  ///< and by the frame's time
-};
 
 /// The line in one camera, up to the common scale of its unit Pluecker pair.
 struct CameraLine {
@@ -87,12 +66,9 @@ class Geometry {
   Matrix3 body_R_cam() const { return cam_R_body_.transpose(); }
   const Vector3& body_t_cam() const { return body_t_cam_; }
 
-  /// (theta, dp) of a frame at a state, to first order.
+  /// (theta, dp) of a frame at a state, see `ruledgraph::corrected`.
   Vector6 corrected(std::size_t frame, const State& state) const {
-    const FrameMotion& motion = frames_[frame];
-    Vector6 found = motion.preintegrated + motion.bias_jacobian * (state.bias - bias_);
-    if (timed_) found += motion.time_jacobian * state.time_shift;
-    return found;
+    return ruledgraph::corrected(frames_[frame], state, bias_, timed_);
   }
 
   /// The same with another camera.

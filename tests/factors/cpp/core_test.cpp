@@ -11,6 +11,7 @@
 #include <functional>
 #include <limits>
 
+#include "motions.hpp"
 #include "ruledgraph/frame_motions.hpp"
 #include "ruledgraph/new_line.hpp"
 #include "ruledgraph/observations.hpp"
@@ -65,10 +66,6 @@ Geometry random_geometry(const State& state, bool timed) {
   return Geometry(chart, body_R_cam, body_t_cam, frames, 0.05 * Vector6::Random(), timed);
 }
 
-double relative_error(const MatrixXd& analytic, const MatrixXd& numeric) {
-  return (analytic - numeric).cwiseAbs().maxCoeff() / numeric.cwiseAbs().maxCoeff();
-}
-
 template <typename Points>
 VectorXd residual_at(const Geometry& geometry, const Points& points, const State& state) {
   VectorXd residual(points.rows());
@@ -111,8 +108,10 @@ ReprojectionPoints random_points() {
 
 void derivatives_are_right() {
   for (int i = 0; i < 50; ++i) {
-    const State state = random_state();
-    const Geometry geometry = random_geometry(state, i % 2 == 0);
+    const bool timed = i % 2 == 0;
+    State state = random_state();
+    if (!timed) state.time_shift = 0.0;
+    const Geometry geometry = random_geometry(state, timed);
     check_jacobian(geometry, random_statistics(), state);
     check_jacobian(geometry, random_points(), state);
   }
@@ -166,24 +165,6 @@ void degenerate_geometry_is_defined() {
   assert(std::isnan(residual_at(before, point, broken)[0]));
 }
 
-void preintegration_differentiates_by_the_bias() {
-  const MatrixXd force = 3.0 * MatrixXd::Random(3, 30), rate = MatrixXd::Random(3, 30);
-  const auto integrated = [&](const VectorXd& bias) {
-    Preintegrated motion;
-    for (int i = 0; i < force.cols(); ++i) {
-      motion.integrate(force.col(i) - bias.head<3>(), rate.col(i) - bias.tail<3>(), 0.05);
-    }
-    return motion;
-  };
-  MatrixXd numeric(9, 6);
-  const double step = 1e-5;
-  for (int i = 0; i < 6; ++i) {
-    const VectorXd tangent = step * VectorXd::Unit(6, i);
-    numeric.col(i) = (integrated(tangent).delta - integrated(-tangent).delta) / (2.0 * step);
-  }
-  assert(relative_error(integrated(VectorXd::Zero(6)).d_bias, numeric) < 1e-7);
-}
-
 void wrong_arguments_are_refused() {
   const Pose origin;
   const Vector3 x = Vector3::UnitX(), zero = Vector3::Zero();
@@ -202,26 +183,13 @@ void wrong_arguments_are_refused() {
   assert(!throws([&] { line_from_ruling(origin, same, 0.5); }));
   assert(throws([&] { line_from_ruling(origin, same, -0.5); }));
   assert(throws([] { compress_points({PointRows(0, 2)}); }));
+  assert(throws([] { compress_points({}); }));
+  assert(throws([] { individual_points({}); }));
   assert(!throws([&] { triangulate_line({origin}, std::vector<PointRows>{same}); }));
   assert(throws([&] { triangulate_line({origin, origin}, std::vector<PointRows>{same}); }));
   assert(throws([&] { triangulate_line({origin}, std::vector<PointRows>{same}, 0.0); }));
   assert(throws([&] { triangulate_line({origin}, std::vector<PointRows>{same.topRows(1)}); }));
   assert(throws([&] { individual_points({same}, 0.0); }));
-
-  const Eigen::Vector3d times(0.0, 0.1, 0.2);
-  const Eigen::Matrix3d still = Eigen::Matrix3d::Zero();
-  const Eigen::Matrix3d spinning = Eigen::Matrix3d::Constant(20.0);
-  const auto preintegrated = [&](const Eigen::Matrix3d& rate, double node,
-                                 const std::vector<double>& frames) {
-    return preintegrate_frames({{times.data(), 3}, {still.data(), 3, 3}, {rate.data(), 3, 3}}, node,
-                               frames, Vector6::Zero());
-  };
-  assert(!throws([&] { preintegrated(still, 0.0, {0.0, 0.2}); }));
-  assert(throws([&] { preintegrated(still, 0.1, {0.0, 0.2}); }));
-  assert(throws([&] { preintegrated(still, 0.0, {0.1, 0.1}); }));
-  assert(throws([&] { preintegrated(still, 0.0, {0.1, 0.3}); }));
-  assert(throws([&] { preintegrated(still, 0.0, {}); }));
-  assert(throws([&] { preintegrated(spinning, 0.0, {0.2}); }));
 }
 
 void write_line(const LineChart& chart) {
@@ -288,6 +256,7 @@ void write_motions() {
   const Pose start = read_plain_pose();
   State state{start.rotation, start.position, read_fixed<3>(), {}, {0.0, 0.0, -9.81}, {}};
   state.bias = read_fixed<6>();
+  state.time_shift = read_number();
   for (std::size_t i = 0; i < motions.frames.size(); ++i) {
     const FrameMotion frame = motions.select({i}).frames.front();
     write(frame.elapsed);
@@ -327,6 +296,8 @@ int main(int count, char**) {
     degenerate_geometry_is_defined();
     preintegration_differentiates_by_the_bias();
     wrong_arguments_are_refused();
+    wrong_imu_samples_are_refused();
+    shifts_in_time_take_motions_that_know_them();
     std::puts("passed");
     return 0;
   }
