@@ -56,6 +56,11 @@ class FactorSpec(ABC):
         """The same in words."""
         return f"{self.rows} row{'s' if self.rows > 1 else ''}"
 
+    @property
+    @abstractmethod
+    def charts(self) -> dict[int, LineChart]:
+        """Of the lines among its keys: what it takes their values to be coordinates of."""
+
     @abstractmethod
     def _arrays(self) -> dict[str, Any]:
         """All numbers, by name."""

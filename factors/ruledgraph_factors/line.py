@@ -192,9 +192,12 @@ class LineChart:
     @staticmethod
     def is_far(delta: ArrayLike) -> bool:
         """Whether |delta| >= pi/2: within that every line has one `delta`, its smallest, in any
-        chart; from there on it may have wrapped. Time for `recentred`.
+        chart; from there on it may have wrapped. Time for `recentred`. Not of NaN.
         """
-        return float(np.linalg.norm(_delta(delta))) >= 0.5 * np.pi
+        here = np.asarray(delta, dtype=np.float64)
+        if here.shape != (4,):
+            here = _delta(delta)  # raises
+        return float(np.linalg.norm(here)) >= 0.5 * np.pi
 
     def recentred(self, delta: ArrayLike) -> tuple["LineChart", FloatArray]:
         """The same line in a chart around it, at the same anchor (there at zeros(4), |phi0| at most

@@ -51,6 +51,11 @@ class LineDistanceSpec(FactorSpec):
         """One, the logarithm."""
         return 1
 
+    @property
+    def charts(self) -> dict[int, LineChart]:
+        """Of the line."""
+        return {self.keys[-1]: self.chart}
+
     def _arrays(self) -> dict[str, Any]:
         return {**chart_arrays(self.chart), "distance": np.float64(self.distance)}
 

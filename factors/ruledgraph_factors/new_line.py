@@ -46,6 +46,11 @@ class NewLineSpec(FactorSpec):
         """Of delta."""
         return 4
 
+    @property
+    def charts(self) -> dict[int, LineChart]:
+        """Of the line."""
+        return {self.keys[-1]: self.chart}
+
     def _arrays(self) -> dict[str, Any]:
         return {**chart_arrays(self.chart), "world_T_body": self.world_T_body.matrix()}
 

@@ -48,6 +48,11 @@ class SameLineSpec(FactorSpec):
         """Of delta."""
         return 4
 
+    @property
+    def charts(self) -> dict[int, LineChart]:
+        """Of the line under both keys."""
+        return {self.keys[0]: self.chart, self.keys[1]: self.new_chart}
+
     def _arrays(self) -> dict[str, Any]:
         old, new = chart_arrays(self.chart), chart_arrays(self.new_chart, "new_")
         return {**old, **new, "delta": self.delta}

@@ -140,6 +140,11 @@ class RuledSurfaceSpec(FactorSpec):
         """Key of the line, the last of `keys`."""
         return self.keys[-1]
 
+    @property
+    def charts(self) -> dict[int, LineChart]:
+        """Of the line."""
+        return {self.keys[-1]: self.chart}
+
     def with_line(self, line_key: int, chart: LineChart) -> "RuledSurfaceSpec":
         """The same observation of a line that has a new chart and key."""
         return replace(self, keys=(*self.keys[:-1], line_key), chart=chart)

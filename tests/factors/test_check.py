@@ -9,12 +9,19 @@ from gtsam import noiseModel
 from gtsam.symbol_shorthand import L, X
 
 from ruledgraph_factors import (
+    FactorSpec,
     GeometricPoints,
     LineChart,
     LineCheck,
     ReprojectionPoints,
+    build_factor,
     check_lines,
+    line_distance_factor,
+    move_line,
+    new_line_factor,
     ruled_surface_pose_factor,
+    same_line_factor,
+    spec_of,
 )
 
 SIGMA = 1e-3
@@ -106,3 +113,57 @@ def test_the_limit_is_the_quantile() -> None:
 def limit_of(points: int) -> LineCheck:
     graph, values, _ = a_graph(GeometricPoints, frames=points // 20)
     return checked(graph, values, [0, 0, 0, 0])
+
+
+@pytest.mark.parametrize("other", ["observation", "prior", "distance", "same line"])
+def test_two_charts_on_one_key_are_told(other: str) -> None:
+    graph, values, chart = a_graph(GeometricPoints)
+    pose = values.atPose3(X(3))
+    moved, _ = chart.reanchor(np.zeros(4), pose)  # the same line, but other coordinates
+    if other == "observation":
+        points = GeometricPoints.from_frames([[[0.0, 0.0], [0.1, 0.1]]])
+        noise = noiseModel.Isotropic.Sigma(3, 1.0)
+        graph.add(ruled_surface_pose_factor(noise, X(3), L(0), moved, points))
+    elif other == "prior":
+        graph.add(new_line_factor(noiseModel.Unit.Create(4), X(3), L(0), moved, pose))
+    elif other == "distance":
+        graph.add(line_distance_factor(noiseModel.Unit.Create(1), X(3), L(0), moved, 2.0))
+    else:
+        noise = noiseModel.Unit.Create(4)
+        graph.add(same_line_factor(noise, L(0), L(1), moved, np.zeros(4), chart))
+    found = checked(graph, values, [0, 0, 0, 0])
+    assert (found.mixed_charts, found.ok) == (True, False)
+    assert str(found).startswith("l0: ")
+    assert "different charts" in str(found)
+
+
+def test_charts_of_copies_and_of_tied_keys_are_no_mixture() -> None:
+    graph, values, chart = a_graph(GeometricPoints)
+    values.insert(L(1), np.zeros(4))
+    moved, _ = chart.reanchor(np.zeros(4), values.atPose3(X(3)))
+    noise = noiseModel.Unit.Create(4)
+    graph.add(same_line_factor(noise, L(0), L(1), chart, np.zeros(4), moved))
+    graph.push_back(move_line(graph, L(0), L(1), moved).factors)
+    stored = [build_factor(type(spec).from_dict(spec.to_dict())) for spec in specs(graph)]
+    for factor in stored:  # equal charts, but not the same objects
+        graph.add(factor)
+    checks = check_lines(graph, values)
+    assert [check.key for check in checks] == [L(0), L(1)]
+    assert not any(check.mixed_charts for check in checks)
+
+
+def specs(graph: gtsam.NonlinearFactorGraph) -> list[FactorSpec]:
+    found = [spec_of(graph.at(index)) for index in range(graph.size())]
+    return [spec for spec in found if spec is not None]
+
+
+@pytest.mark.parametrize("kind", [GeometricPoints, ReprojectionPoints])
+@pytest.mark.parametrize("kernel", ["numpy", "native"])
+def test_nan_is_told_of_its_line(kind: type, kernel: str, monkeypatch) -> None:
+    monkeypatch.setenv("RULEDGRAPH_KERNEL", kernel)
+    graph, values, _ = a_graph(kind)
+    for delta in ([np.nan, 0, 0, 0], [0, 0, 0, np.nan]):
+        found = checked(graph, values, delta)
+        assert (found.key, found.undefined, found.far, found.ok) == (L(0), True, False, False)
+        assert str(found).startswith("l0: ")
+        assert "NaN" in str(found)

@@ -86,6 +86,11 @@ def test_a_line_that_has_wrapped_costs_what_its_smallest_delta_costs() -> None:
     assert relative_error(ours, numeric) < 1e-6
 
 
+def test_nan_in_the_line_is_an_error_of_nan() -> None:
+    factor = new_line_factor(UNIT, X(0), L(0), CHART, POSE)
+    assert np.isnan(factor.error(at(POSE, np.array([np.nan, 0.0, 0.0, 0.0]))))
+
+
 def test_it_takes_robust_noise() -> None:
     huber = noiseModel.Robust.Create(noiseModel.mEstimator.Huber.Create(1.0), UNIT)
     factor = new_line_factor(huber, X(0), L(0), CHART, POSE)

@@ -7,6 +7,7 @@
 
 #undef NDEBUG
 #include <cassert>
+#include <cmath>
 #include <cstdio>
 #include <iostream>
 #include <sstream>
@@ -272,6 +273,40 @@ void lines_are_checked_and_moved() {
   assert(move_line(graph, kNewLineKey, kLineKey, chart).indices.empty());
 }
 
+void charts_are_compared() {
+  const LineChart chart = chart_from_points({}, {0.0, 0.0, 3.0}, {1.0, 0.0, 3.0});
+  const gtsam::Pose3 pose(gtsam::Rot3(), gtsam::Point3(0.0, 0.5, 0.0));
+  const LineChart other = reanchor(chart, Vector4::Zero(), from_gtsam(pose)).chart;
+  const auto noise = [](std::size_t dim) { return gtsam::noiseModel::Unit::Create(dim); };
+  Values values;
+  values.insert(kPoseKey, gtsam::Pose3());
+  values.insert(kLineKey, gtsam::Vector4(gtsam::Vector4::Zero()));
+  values.insert(kNewLineKey, gtsam::Vector4(gtsam::Vector4::Zero()));
+  // Factors with the right chart, and with one of the same line from elsewhere.
+  for (const bool wrong : {false, true}) {
+    const LineChart& own = wrong ? other : chart;
+    const SameLineFactor tie(noise(4), kLineKey, kNewLineKey, own, Vector4::Zero(), other);
+    const SameLineFactor tie_to(noise(4), kNewLineKey, kLineKey, other, Vector4::Zero(), own);
+    for (const gtsam::NonlinearFactor::shared_ptr& factor :
+         {one_view(own, 0.02, false).clone(),
+          NewLineFactor(noise(4), kPoseKey, kLineKey, own, pose).clone(),
+          LineDistanceFactor(noise(1), kPoseKey, kLineKey, own, 3.0).clone(), tie.clone(),
+          tie_to.clone()}) {
+      gtsam::NonlinearFactorGraph graph;
+      graph.add(one_view(chart, 0.02, false));
+      graph.push_back(factor);
+      const std::vector<LineCheck> checks = check_lines(graph, values);
+      assert(checks.size() == 1 && checks[0].mixed_charts == wrong && checks[0].ok() != wrong);
+    }
+  }
+  // A line that is not a number is named.
+  gtsam::NonlinearFactorGraph graph;
+  graph.add(one_view(chart, 0.02, false));
+  values.update(kLineKey, gtsam::Vector4(0.0, 0.0, std::nan(""), 0.0));
+  const LineCheck check = check_lines(graph, values)[0];
+  assert(check.key == kLineKey && check.undefined() && !check.ok());
+}
+
 std::string name_of(const Case& at) {
   if (at.kind == kNewLine) return "one NewLineFactor";
   if (at.kind == kLineDistance) return "one LineDistanceFactor";
@@ -286,6 +321,7 @@ int main() {
   sizes_are_checked();
   line_factors_check_their_arguments();
   lines_are_checked_and_moved();
+  charts_are_compared();
   assert(isam2_params().relinearizeSkip == 1);
   levenberg_marquardt_params();
   std::vector<Case> cases;

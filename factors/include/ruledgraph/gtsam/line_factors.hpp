@@ -59,6 +59,8 @@ class NewLineFactor : public gtsam::NoiseModelFactor {
     detail::require_dimension(noise_model, 4);
   }
 
+  const LineChart& chart() const { return chart_; }
+
   using Base::unwhitenedError;
   gtsam::Vector unwhitenedError(const gtsam::Values& values, JacobiansOut H = {}) const override {
     const gtsam::Vector6 moved = start_.localCoordinates(values.at<gtsam::Pose3>(keys()[0]));
@@ -144,6 +146,8 @@ class LineDistanceFactor : public gtsam::NoiseModelFactor {
     }
   }
 
+  const LineChart& chart() const { return chart_; }
+
   using Base::unwhitenedError;
   gtsam::Vector unwhitenedError(const gtsam::Values& values, JacobiansOut H = {}) const override {
     const Pose pose = from_gtsam(values.at<gtsam::Pose3>(keys()[0]));
@@ -208,10 +212,15 @@ class SameLineFactor : public gtsam::NoiseModelFactor {
                  gtsam::Key new_line_key, const LineChart& chart, const Vector4& delta,
                  const LineChart& new_chart)
       : Base(noise_model, gtsam::KeyVector{line_key, new_line_key}),
+        chart_(chart),
+        new_chart_(new_chart),
         delta_(delta),
         by_old_(by_old(chart, delta, new_chart)) {
     detail::require_dimension(noise_model, 4);
   }
+
+  const LineChart& chart() const { return chart_; }
+  const LineChart& new_chart() const { return new_chart_; }
 
   using Base::unwhitenedError;
   gtsam::Vector unwhitenedError(const gtsam::Values& values, JacobiansOut H = {}) const override {
@@ -230,6 +239,8 @@ class SameLineFactor : public gtsam::NoiseModelFactor {
   bool equals(const gtsam::NonlinearFactor& other, double tolerance = 1e-9) const override {
     const auto* same = dynamic_cast<const SameLineFactor*>(&other);
     return same != nullptr && Base::equals(other, tolerance) &&
+           detail::same_chart(chart_, same->chart_, tolerance) &&
+           detail::same_chart(new_chart_, same->new_chart_, tolerance) &&
            (delta_ - same->delta_).norm() <= tolerance &&
            (by_old_ - same->by_old_).cwiseAbs().maxCoeff() <= tolerance;
   }
@@ -261,11 +272,14 @@ class SameLineFactor : public gtsam::NoiseModelFactor {
   void serialize(Archive& archive, unsigned int) {
     using boost::serialization::make_nvp;
     archive& make_nvp("NoiseModelFactor", boost::serialization::base_object<Base>(*this));
+    archive& make_nvp("chart", chart_);
+    archive& make_nvp("new_chart", new_chart_);
     archive& make_nvp("delta", delta_);
     archive& make_nvp("by_old", by_old_);
   }
 #endif
 
+  LineChart chart_, new_chart_;
   Vector4 delta_ = Vector4::Zero();
   Eigen::Matrix4d by_old_ = Eigen::Matrix4d::Zero();
 };

@@ -13,8 +13,11 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
+#include <utility>
 #include <vector>
 
+#include "ruledgraph/gtsam/line_factors.hpp"
 #include "ruledgraph/gtsam/line_observation.hpp"
 #include "ruledgraph/line_coordinates.hpp"
 
@@ -69,11 +72,16 @@ struct LineCheck {
   double limit;        ///< the 99.9 % quantile of the chi-squared distribution
   double behind;       ///< share of its frames whose camera has the line behind it
   bool far;            ///< `is_far`
+  /// Its factors, priors included, have different charts. They must have the same one: its
+  /// coordinates, and so all other figures here, mean nothing.
+  bool mixed_charts = false;
 
+  /// There is NaN in its coordinates, or in another variable of its factors.
+  bool undefined() const { return std::isnan(chi_squared); }
   /// The points contradict the line: a wrong minimum, wrong points, or wrong noise.
   bool misfit() const { return chi_squared > limit; }
   /// Nothing speaks against the line.
-  bool ok() const { return !(misfit() || far || behind > 0.5); }
+  bool ok() const { return !(undefined() || misfit() || far || behind > 0.5 || mixed_charts); }
 };
 
 namespace detail {
@@ -82,6 +90,25 @@ inline double whitened_square(const gtsam::SharedNoiseModel& model, const gtsam:
   const auto* robust = dynamic_cast<const gtsam::noiseModel::Robust*>(&*model);
   return (robust != nullptr ? robust->noise()->whiten(residual) : model->whiten(residual))
       .squaredNorm();
+}
+
+/// The charts that a factor has its lines in, by their keys; empty of other factors.
+inline std::vector<std::pair<gtsam::Key, LineChart>> charts_of(
+    const gtsam::NonlinearFactor& factor) {
+  const auto& keys = factor.keys();
+  if (const auto* seen = dynamic_cast<const LineObservation*>(&factor)) {
+    return {{seen->line_key(), seen->surface().geometry().chart()}};
+  }
+  if (const auto* prior = dynamic_cast<const NewLineFactor*>(&factor)) {
+    return {{keys[1], prior->chart()}};
+  }
+  if (const auto* distance = dynamic_cast<const LineDistanceFactor*>(&factor)) {
+    return {{keys[1], distance->chart()}};
+  }
+  if (const auto* tie = dynamic_cast<const SameLineFactor*>(&factor)) {
+    return {{keys[0], tie->chart()}, {keys[1], tie->new_chart()}};
+  }
+  return {};
 }
 
 /// How many frames have the line behind their camera at the middle of the points.
@@ -105,14 +132,22 @@ inline int frames_behind(const LineObservation& factor, const gtsam::Values& val
 
 }  // namespace detail
 
-/// All lines of a graph at an estimate: which of them ended in a wrong minimum? One check for each
-/// line key, in order of the keys.
+/// All lines of a graph at an estimate: which of them ended in a wrong minimum, have factors with
+/// different charts, or NaN? One check for each line key that is observed, in order of the keys.
 inline std::vector<LineCheck> check_lines(const gtsam::NonlinearFactorGraph& graph,
                                           const gtsam::Values& values) {
   constexpr double kQuantile = 3.09;   // of the standard normal distribution: 99.9 %
+  constexpr double kRounding = 1e-9;   // of the numbers of a chart, m or rad
   std::map<gtsam::Key, Vector4> sums;  // of chi_squared, expected, frames, behind
+  std::map<gtsam::Key, LineChart> charts;
+  std::set<gtsam::Key> mixed;
   for (std::size_t i = 0; i < graph.size(); ++i) {
-    const auto* factor = graph[i] ? dynamic_cast<const LineObservation*>(&*graph[i]) : nullptr;
+    if (!graph[i]) continue;
+    for (const auto& [key, chart] : detail::charts_of(*graph[i])) {
+      const LineChart& first = charts.emplace(key, chart).first->second;
+      if (!detail::same_chart(first, chart, kRounding)) mixed.insert(key);
+    }
+    const auto* factor = dynamic_cast<const LineObservation*>(&*graph[i]);
     if (factor == nullptr) continue;
     const double expected = std::visit(
         [](const auto& points) { return degrees_of_freedom(points); }, factor->surface().points());
@@ -127,8 +162,9 @@ inline std::vector<LineCheck> check_lines(const gtsam::NonlinearFactorGraph& gra
     // Wilson and Hilferty's approximation of the quantile.
     const double third = 2.0 / (9.0 * sum[1]);
     const double limit = sum[1] * std::pow(1.0 - third + kQuantile * std::sqrt(third), 3);
+    const bool far = is_far(values.at<gtsam::Vector4>(key));
     checks.push_back(
-        {key, sum[0], sum[1], limit, sum[3] / sum[2], is_far(values.at<gtsam::Vector4>(key))});
+        {key, sum[0], sum[1], limit, sum[3] / sum[2], far, mixed.find(key) != mixed.end()});
   }
   return checks;
 }
