@@ -36,7 +36,7 @@ from ruledgraph_factors import (
 )
 
 SEEDS = range(5)
-NODE_TIMES = 0.1 * np.arange(31)
+STATE_TIMES = 0.1 * np.arange(31)
 FRAME_OFFSETS = np.arange(3) / 30.0  # of the 30 Hz camera's frames, from each state on, s
 IMU_RATE = 200.0
 LAG = 1.5  # s
@@ -103,7 +103,7 @@ def simulate(seed: int) -> Recording:
     imu = simulate_imu(motion, IMU_RATE, D435I_LIKE, rng, initial_bias=bias).samples
     velocity = motion.velocity(0.0) + rng.normal(scale=0.05, size=3)
 
-    truth = [motion.pose(time) for time in NODE_TIMES]
+    truth = [motion.pose(time) for time in STATE_TIMES]
     cameras = [gtsam.PinholeCameraCal3_S2(pose * BODY_T_CAM, CALIBRATION) for pose in truth]
     points = rng.uniform([3.5, -0.5, -0.8], [5.0, 1.7, 0.8], size=(5, 3))
     pixels = np.array([[camera.project(point) for point in points] for camera in cameras])
@@ -114,7 +114,7 @@ def simulate(seed: int) -> Recording:
     segments = np.stack([middles - halves, middles + halves], axis=1)
     edges, new_line = [], itertools.count()
     lines: dict[int, int] = {}  # of the segments in view; one that was lost comes back as another
-    for time in NODE_TIMES[:-1]:
+    for time in STATE_TIMES[:-1]:
         frames = [motion.pose(time + offset) * BODY_T_CAM for offset in FRAME_OFFSETS]
         seen = [i for i, ends in enumerate(segments) if in_view(frames, ends)]
         lines = {i: lines[i] if i in lines else next(new_line) for i in seen}
@@ -145,15 +145,15 @@ def build(recording: Recording, with_lines: bool) -> list[Packet]:
     packets = []
     charts: dict[int, LineChart] = {}
     state = recording.start
-    for k in range(NODE_TIMES.size):
+    for k in range(STATE_TIMES.size):
         imu = gtsam.PreintegratedCombinedMeasurements(IMU_PARAMS, NO_BIAS)
         packet = Packet(gtsam.NonlinearFactorGraph(), gtsam.Values(), imu)
         packets.append(packet)
         if k == 0:
-            add_first_node(packet, recording)
+            add_first_state(packet, recording)
         else:
             # What `preintegrate_frames` integrates, too: states and frames see the same motion.
-            for segment in recording.imu.segments(NODE_TIMES[k - 1], NODE_TIMES[k], bias=NO_BIAS):
+            for segment in recording.imu.segments(STATE_TIMES[k - 1], STATE_TIMES[k], bias=NO_BIAS):
                 imu.integrateMeasurement(*segment)
             packet.factors.add(
                 gtsam.CombinedImuFactor(P(k - 1), S(k - 1), P(k), S(k), U(k - 1), U(k), imu)
@@ -170,7 +170,7 @@ def build(recording: Recording, with_lines: bool) -> list[Packet]:
     return packets
 
 
-def add_first_node(packet: Packet, recording: Recording) -> None:
+def add_first_state(packet: Packet, recording: Recording) -> None:
     """Initial values and priors of the first state and of the points."""
     pose, velocity = recording.start.pose(), recording.start.velocity()
     packet.values.insert(P(0), pose)
@@ -197,8 +197,8 @@ def add_lines(
     `world_T_body` is the estimate of state k at that time (here dead reckoning will do).
     """
     # All of it, from here ...
-    frame_times = NODE_TIMES[k] + FRAME_OFFSETS
-    motion = preintegrate_frames(recording.imu, NODE_TIMES[k], frame_times, NO_BIAS)
+    frame_times = STATE_TIMES[k] + FRAME_OFFSETS
+    motion = preintegrate_frames(recording.imu, STATE_TIMES[k], frame_times, NO_BIAS)
     for i, frames in recording.edges[k].items():
         if i not in charts:  # a new line
             world_T_cam = world_T_body * BODY_T_CAM
@@ -257,7 +257,7 @@ def fixed_lag(packets: list[Packet]) -> list[gtsam.Pose3]:
     for k, packet in enumerate(packets):
         # Points and lines get a new time whenever they are seen, and so outlive the states they
         # began at. What has left the lag is gone: a line seen again after that is a new one.
-        times = dict.fromkeys(packet.factors.keyVector(), NODE_TIMES[k])
+        times = dict.fromkeys(packet.factors.keyVector(), STATE_TIMES[k])
         smoother.update(packet.factors, new_values(k, packet, estimate), times)
         smoother.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), {})
         estimate = smoother.calculateEstimate()

@@ -70,9 +70,9 @@ int main() {
   const rg::ImuSamples imu{{imu_times.data(), samples},
                            {accelerometer.data(), 3, samples},
                            {gyroscope.data(), 3, samples}};
-  const double node_time = 0.0;
+  const double state_time = 0.0;
   const rg::FrameMotions motions =
-      rg::preintegrate_frames(imu, node_time, frame_times, bias.vector());
+      rg::preintegrate_frames(imu, state_time, frame_times, bias.vector());
 
   // The line: its points, a chart from all views, a factor, a prior.
   const rg::GeometricPoints points = rg::compress_points(frames);
@@ -100,7 +100,7 @@ int main() {
 
   // A camera whose clock is not quite the IMU's: the offset of its frames, s, is a variable.
   const rg::FrameMotions timed =
-      rg::preintegrate_frames(imu, node_time, frame_times, bias.vector(), true);
+      rg::preintegrate_frames(imu, state_time, frame_times, bias.vector(), true);
   rg::CameraKeys clock;
   clock.time = T(0);
   graph.add(rg::RuledSurfaceFactor(noise, X(0), V(0), B(0), L(0), timed, chart, points, clock,

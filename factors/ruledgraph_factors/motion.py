@@ -224,15 +224,15 @@ class FrameMotion:
         if not want_jacobian:
             return PredictedPoses(rotations, positions, None)
 
-        frame_R_node = delta_rotation.transpose(0, 2, 1)
+        frame_R_state = delta_rotation.transpose(0, 2, 1)
         frame_R_world = rotations.transpose(0, 2, 1)
         jacobian = np.zeros((len(self), 6, 18 if self.time_jacobian is None else 19))
-        jacobian[:, :3, 0:3] = frame_R_node
-        jacobian[:, 3:, 0:3] = -frame_R_node @ hat(delta_position)
-        jacobian[:, 3:, 3:6] = frame_R_node
+        jacobian[:, :3, 0:3] = frame_R_state
+        jacobian[:, 3:, 0:3] = -frame_R_state @ hat(delta_position)
+        jacobian[:, 3:, 3:6] = frame_R_state
         jacobian[:, 3:, 6:9] = frame_R_world * by_velocity[..., None]
         jacobian[:, :3, 9:15] = right_jacobian @ self.bias_jacobian[:, :3]
-        jacobian[:, 3:, 9:15] = frame_R_node @ self.bias_jacobian[:, 3:6]
+        jacobian[:, 3:, 9:15] = frame_R_state @ self.bias_jacobian[:, 3:6]
         jacobian[:, 3:, 15:18] = frame_R_world * by_gravity[..., None]
         if self.time_jacobian is not None:
             turning, moving = self.time_jacobian[:, :3], self.time_jacobian[:, 3:]
@@ -244,7 +244,7 @@ class FrameMotion:
 
 def preintegrate_frames(
     imu: ImuSamples,
-    node_time: float,
+    state_time: float,
     frame_times: ArrayLike,
     bias: gtsam.imuBias.ConstantBias | None = None,
     with_time: bool = False,
@@ -252,8 +252,8 @@ def preintegrate_frames(
     """Preintegrate the IMU from a state to every frame after it.
 
     Args:
-        imu: samples that cover [node_time, frame_times[-1]].
-        node_time: time of the state, s.
+        imu: samples that cover [state_time, frame_times[-1]].
+        state_time: time of the state, s.
         frame_times: strictly increasing, the first at or after the state, (n,), s.
         bias: where to linearise, by default zero; use the current estimate.
         with_time: whether to fill `FrameMotion.time_jacobian`.
@@ -264,21 +264,21 @@ def preintegrate_frames(
             preintegration) are not unique.
     """
     instance("imu", imu, ImuSamples)
-    node_time = number("node_time", node_time)
+    state_time = number("state_time", state_time)
     times = increasing_times("frame_times", frame_times)
-    if times[0] < node_time - SAME_TIME:
+    if times[0] < state_time - SAME_TIME:
         raise FactorError(
-            f"frame_times[0] = {times[0]:.9f} s lies before the state at {node_time:.9f} s"
+            f"frame_times[0] = {times[0]:.9f} s lies before the state at {state_time:.9f} s"
         )
-    times = np.maximum(times, node_time)
+    times = np.maximum(times, state_time)
     b = bias_vector(bias)
-    breaks, force, rate = imu._segment_arrays(node_time, float(times[-1]), times, b)
+    breaks, force, rate = imu._segment_arrays(state_time, float(times[-1]), times, b)
     deltas, jacobians = np.empty((breaks.size, 9)), np.empty((breaks.size, 9, 6))
     integrate = native.integrate if active_kernel() == "native" else integrate_in_numpy
     last = integrate(force - b[:3], rate - b[3:], np.diff(breaks), deltas, jacobians)
     if deltas[last, :3] @ deltas[last, :3] > np.pi**2:
         raise FactorError(
-            f"frame_times: the body turns by more than half a turn from {node_time:.3f} s "
+            f"frame_times: the body turns by more than half a turn from {state_time:.3f} s "
             f"to {breaks[last]:.3f} s; put a state in between"
         )
     at_frames = np.searchsorted(breaks, np.minimum(times, breaks[-1]))
@@ -289,4 +289,4 @@ def preintegrate_frames(
         rate = np.stack(at, axis=1) - b[3:]
         turning = np.einsum("nij,nj->ni", inverse_right_jacobian(delta[:, :3]), rate)
         by_time = np.hstack([turning, delta[:, 6:]])
-    return FrameMotion(times - node_time, delta, jacobians[at_frames], b, by_time)
+    return FrameMotion(times - state_time, delta, jacobians[at_frames], b, by_time)

@@ -88,16 +88,16 @@ def test_motions_are_those_of_python(program: Path) -> None:
     rng = np.random.default_rng(1)
     times = np.cumsum(rng.uniform(0.003, 0.007, size=60))
     gyroscope, accelerometer = rng.normal(size=(2, 60, 3)) * [[[1.0]], [[5.0]]]
-    node, frames = times[3] + 0.001, times[3] + 0.001 + np.array([0.0, 0.02, 0.05, 0.11])
+    start, frames = times[3] + 0.001, times[3] + 0.001 + np.array([0.0, 0.02, 0.05, 0.11])
     vector, now = rng.normal(size=(2, 6)) * 0.05
     bias = gtsam.imuBias.ConstantBias(vector[:3], vector[3:])
     pose, velocity = random_pose(rng), rng.normal(size=3)
     samples = np.column_stack([times, accelerometer, gyroscope])
-    data = [1, len(samples), samples, node, len(frames), frames, vector, pose, velocity, now, 0.01]
+    data = [1, len(samples), samples, start, len(frames), frames, vector, pose, velocity, now, 0.01]
     found = Reader(run(program, "values", text=numbers_of(data)))
 
     imu = ImuSamples(times, gyroscope, accelerometer)
-    motion = preintegrate_frames(imu, node, frames, bias, with_time=True)
+    motion = preintegrate_frames(imu, start, frames, bias, with_time=True)
     state = gtsam.NavState(pose, velocity)
     bias_now = gtsam.imuBias.ConstantBias(now[:3], now[3:])
     poses = motion.poses(state, bias_now, time_shift=0.01)

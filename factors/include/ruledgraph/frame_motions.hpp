@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: The ruledgraph developers
 // SPDX-License-Identifier: BSD-3-Clause
 //
-// The motion of all frames after a node, from the IMU; needs Eigen alone. The C++ version of
+// The motion of all frames after a state, from the IMU; needs Eigen alone. The C++ version of
 // `FrameMotion` and `preintegrate_frames` in `ruledgraph_factors/motion.py`, where the equations
 // are.
 #pragma once
@@ -17,13 +17,13 @@
 
 namespace ruledgraph {
 
-/// Preintegrated motion from a node to each of n frames.
+/// Preintegrated motion from a state to each of n frames.
 struct FrameMotions {
   std::vector<FrameMotion> frames;
   Vector6 bias = Vector6::Zero();  ///< integrated with: accelerometer (m/s^2), gyroscope (rad/s)
   bool timed = false;              ///< whether the frames know their `time_jacobian`
 
-  /// No motion at all: one frame at the node itself.
+  /// No motion at all: one frame at the state itself.
   static FrameMotions at_rest() {
     return {{{0.0, Vector6::Zero(), Matrix6::Zero()}}, Vector6::Zero(), false};
   }
@@ -44,12 +44,12 @@ struct FrameMotions {
   }
 };
 
-/// Preintegrate the IMU from a node to every frame after it, linearised at `bias` (accelerometer,
+/// Preintegrate the IMU from a state to every frame after it, linearised at `bias` (accelerometer,
 /// gyroscope): the current estimate. Times are in s, those of the frames strictly increasing, the
-/// first at or after the node; the samples cover them. With `with_time` the frames know how they
+/// first at or after the state; the samples cover them. With `with_time` the frames know how they
 /// would move if they had been taken later. Throws std::invalid_argument for times that do not fit,
 /// samples or a bias that are not finite, and where the body turns by more than pi.
-inline FrameMotions preintegrate_frames(const ImuSamples& imu, double node_time,
+inline FrameMotions preintegrate_frames(const ImuSamples& imu, double state_time,
                                         const std::vector<double>& frame_times, const Vector6& bias,
                                         bool with_time = false) {
   const auto require = [](bool condition, const char* message) {
@@ -62,16 +62,16 @@ inline FrameMotions preintegrate_frames(const ImuSamples& imu, double node_time,
   for (std::size_t i = 1; i < frame_times.size(); ++i) {
     require(frame_times[i] > frame_times[i - 1], "ruledgraph: frame times must increase");
   }
-  require(frame_times.front() >= node_time - kSameTime,
-          "ruledgraph: the first frame lies before the node");
+  require(frame_times.front() >= state_time - kSameTime,
+          "ruledgraph: the first frame lies before the state");
   const double first = imu.times[0], last = imu.times[imu.times.size() - 1];
-  require(node_time >= first - kSameTime && frame_times.back() <= last + kSameTime,
-          "ruledgraph: the IMU samples do not cover the node and its frames");
+  require(state_time >= first - kSameTime && frame_times.back() <= last + kSameTime,
+          "ruledgraph: the IMU samples do not cover the state and its frames");
   const auto covered = [&](double time) { return std::min(std::max(time, first), last); };
   std::vector<double> at_frames;
-  for (const double time : frame_times) at_frames.push_back(covered(std::max(time, node_time)));
+  for (const double time : frame_times) at_frames.push_back(covered(std::max(time, state_time)));
   std::vector<double> breaks = at_frames;
-  breaks.push_back(covered(node_time));
+  breaks.push_back(covered(state_time));
   const ImuSegments segments = imu.segments(breaks, bias.head<3>(), bias.tail<3>());
 
   FrameMotions motions{{}, bias, with_time};
@@ -84,9 +84,9 @@ inline FrameMotions preintegrate_frames(const ImuSamples& imu, double node_time,
                        segments.rate.col(i) - bias.tail<3>(),
                        segments.breaks[done + 1] - segments.breaks[done]);
       require(motion.delta.head<3>().norm() <= kHalfTurn,
-              "ruledgraph: the body turns by more than half a turn; put a node in between");
+              "ruledgraph: the body turns by more than half a turn; put a state in between");
     }
-    FrameMotion frame{std::max(frame_times[j] - node_time, 0.0), motion.delta.head<6>(),
+    FrameMotion frame{std::max(frame_times[j] - state_time, 0.0), motion.delta.head<6>(),
                       motion.d_bias.topRows<6>()};
     if (with_time) {
       // d theta / dt = Jr(theta)^-1 w, d dp / dt = dv
@@ -99,7 +99,7 @@ inline FrameMotions preintegrate_frames(const ImuSamples& imu, double node_time,
   return motions;
 }
 
-/// Pose of a frame from the node's state; times body_T_cam, its camera's. The state's line has no
+/// Pose of a frame from the state; times body_T_cam, its camera's. The state's line has no
 /// part in it. Throws std::invalid_argument as `corrected` does, and where there is no such frame.
 inline Pose frame_pose(const FrameMotions& motions, std::size_t frame, const State& state) {
   const FrameMotion& motion = motions.at(frame);

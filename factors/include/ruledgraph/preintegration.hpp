@@ -101,7 +101,7 @@ struct ImuSamples {
   }
 };
 
-/// Motion since a node in the node's body frame, and its derivative by the bias.
+/// Motion since a state in its body frame, and its derivative by the bias.
 struct Preintegrated {
   /// (theta, dp, dv).
   Eigen::Matrix<double, 9, 1> delta = Eigen::Matrix<double, 9, 1>::Zero();

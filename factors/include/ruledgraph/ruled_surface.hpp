@@ -143,19 +143,19 @@ class Geometry {
         cam_R_body_ * hat(body_R_world * world_moment) - by_translation * hat(body_t_cam_);
     const Matrix3 direction_by_rotation = cam_R_body_ * across;
 
-    // By the node's state through the frame's pose.
-    const Matrix3 frame_R_node = turn.rotation.transpose();
+    // By the state through the frame's pose.
+    const Matrix3 frame_R_state = turn.rotation.transpose();
     const Eigen::Matrix<double, 3, 6> turn_by_bias =
         turn.right_jacobian * motion.bias_jacobian.topRows<3>();
-    const Matrix3 by_node_translation = by_translation * frame_R_node;
+    const Matrix3 by_state_translation = by_translation * frame_R_state;
     const Matrix3 by_world_translation = by_translation * body_R_world;
     auto& d_moment = result.d_moment;
     d_moment.middleCols<3>(kPose) =
-        by_rotation * frame_R_node - by_node_translation * hat(delta_position);
-    d_moment.middleCols<3>(kPose + 3) = by_node_translation;
+        by_rotation * frame_R_state - by_state_translation * hat(delta_position);
+    d_moment.middleCols<3>(kPose + 3) = by_state_translation;
     d_moment.middleCols<3>(kVelocity) = by_world_translation * by_velocity;
     d_moment.middleCols<6>(kBias) =
-        by_rotation * turn_by_bias + by_node_translation * motion.bias_jacobian.bottomRows<3>();
+        by_rotation * turn_by_bias + by_state_translation * motion.bias_jacobian.bottomRows<3>();
     d_moment.middleCols<3>(kGravity) = by_world_translation * by_gravity;
     d_moment.middleCols<3>(kLine + 1) =
         cam_R_world * (line.cosine * line.d_normal + line.sine * (hat(lever) * line.d_along));
@@ -163,13 +163,13 @@ class Geometry {
 
     auto& d_direction = result.d_direction;
     d_direction.setZero();
-    d_direction.middleCols<3>(kPose) = direction_by_rotation * frame_R_node;
+    d_direction.middleCols<3>(kPose) = direction_by_rotation * frame_R_state;
     d_direction.middleCols<6>(kBias) = direction_by_rotation * turn_by_bias;
     d_direction.middleCols<3>(kLine + 1) = cam_R_world * line.d_along;
     if (timed_) {
       const Vector3 turning = turn.right_jacobian * motion.time_jacobian.head<3>();
       result.moment_by_time = by_rotation * turning +
-                              by_node_translation * motion.time_jacobian.tail<3>() +
+                              by_state_translation * motion.time_jacobian.tail<3>() +
                               by_world_translation * (state.velocity + state.gravity * t);
       result.direction_by_time = direction_by_rotation * turning;
     }

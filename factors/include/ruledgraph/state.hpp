@@ -15,7 +15,7 @@ using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
 /// What a factor depends on; SI units, world quantities unless said otherwise.
 struct State {
-  Matrix3 rotation;  ///< world_R_body of the node
+  Matrix3 rotation;  ///< world_R_body of the state
   Vector3 position;
   Vector3 velocity;
   Vector6 bias;  ///< accelerometer, gyroscope; body
@@ -25,7 +25,7 @@ struct State {
   double focal_ratio = 1.0;  ///< of the camera to the one that points were normalised with
 };
 
-/// Preintegrated motion from the node to one frame.
+/// Preintegrated motion from the state to one frame.
 struct FrameMotion {
   double elapsed;
   Vector6 preintegrated;                    ///< (theta, dp) at the bias integrated with

@@ -246,13 +246,13 @@ void write_motions() {
   const Eigen::MatrixXd samples = read_rows(7).transpose();  // time, force, rate
   const Eigen::VectorXd times = samples.row(0);
   const Eigen::Matrix3Xd force = samples.middleRows<3>(1), rate = samples.bottomRows<3>();
-  const double node = read_number();
+  const double state_time = read_number();
   const Eigen::VectorXd at = read_rows(1);
   const Vector6 bias = read_fixed<6>();
   const Eigen::Index n = times.size();
   const FrameMotions motions =
-      preintegrate_frames({{times.data(), n}, {force.data(), 3, n}, {rate.data(), 3, n}}, node,
-                          {at.data(), at.data() + at.size()}, bias, true);
+      preintegrate_frames({{times.data(), n}, {force.data(), 3, n}, {rate.data(), 3, n}},
+                          state_time, {at.data(), at.data() + at.size()}, bias, true);
   const Pose start = read_plain_pose();
   State state{start.rotation, start.position, read_fixed<3>(), {}, {0.0, 0.0, -9.81}, {}};
   state.bias = read_fixed<6>();

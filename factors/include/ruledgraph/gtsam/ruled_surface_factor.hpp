@@ -16,7 +16,7 @@ namespace ruledgraph {
 /// Gravity in a world whose z is up, m/s^2.
 constexpr double kStandardGravity = 9.81;
 
-/// One line over all frames that follow a node, on the node's state and the line: `Pose3`
+/// One line over all frames that follow a state, on the state and the line: `Pose3`
 /// world_T_body, `Vector3` velocity, `imuBias::ConstantBias`, then gravity (`Unit3` or `Vector3`)
 /// or what of the camera is a variable (`CameraKeys`), and last the line, `Vector4` in `chart`. The
 /// noise model has dimension `rows()` of the points, its unit is
