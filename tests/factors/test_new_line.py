@@ -51,6 +51,27 @@ def test_lines_move_with_the_pose() -> None:
         np.testing.assert_allclose(ours, np.transpose(numerical), atol=1e-7 * scale)
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.01, 0.1, 0.3])
+def test_its_jacobian_by_the_pose_lacks_the_derivative_of_the_logarithm(turn: float) -> None:
+    """As its docstring says: exact where it was made, off by up to half the turn elsewhere."""
+    for seed in range(20):
+        case = random_case(seed)
+        pose = case.values.atPose3(X(0))
+        axis = case.rng.normal(size=3)
+        xi = np.append(turn * axis / np.linalg.norm(axis), np.zeros(3))
+        factor = new_line_factor(UNIT, X(0), L(0), case.chart, pose)
+        values = at(pose.retract(xi), np.zeros(4))
+        ours = factor_jacobians(factor, values)[X(0)]
+        right = numerical_jacobian(factor, values, X(0), 1e-6)
+        np.testing.assert_array_equal(ours, -moved_with(case.chart, pose))
+        np.testing.assert_allclose(
+            ours @ gtsam.Pose3.LogmapDerivative(gtsam.Pose3.Expmap(xi)), right, atol=1e-6
+        )
+        share = np.linalg.norm(ours - right, 2) / np.linalg.norm(right, 2)
+        assert share <= 0.5 * turn + 1e-6
+        assert share > 0.4 * turn - 1e-6
+
+
 def test_it_is_a_prior_on_the_chart_as_long_as_the_pose_stays() -> None:
     delta = np.array([0.2, -0.4, 0.1, 0.3])
     noise = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))

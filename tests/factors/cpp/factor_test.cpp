@@ -156,7 +156,7 @@ const gtsam::NoiseModelFactor& with_error(const Case& at) {
 }
 
 void check_jacobians(const Case& at, const std::vector<Matrix>& analytic) {
-  if (at.kind == kNewLine) return;  // linear on purpose
+  if (at.kind == kNewLine) return;  // by the pose it is not the derivative, on purpose
   const double step = 1e-5;
   for (std::size_t i = 0; i < analytic.size(); ++i) {
     const Key key = at.factor->keys()[i];

@@ -44,6 +44,10 @@ inline bool same_chart(const LineChart& a, const LineChart& b, double tolerance)
 
 /// As seen from a pose, a line is about where its chart's reference is: r = delta - F xi, xi the
 /// pose's coordinates at `world_T_body`. Noise model: dimension 4, such as `new_line_sigmas`.
+///
+/// The Jacobian by the pose is -F, a constant: exact at xi = 0 and off by a share of up to |xi| / 2
+/// elsewhere, as it lacks Logmap's derivative. Beside so wide a prior that is nothing; a narrow one
+/// would move the minimum.
 class NewLineFactor : public gtsam::NoiseModelFactor {
  public:
   using Base = gtsam::NoiseModelFactor;
