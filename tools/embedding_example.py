@@ -57,7 +57,7 @@ FIRST_VELOCITY = noiseModel.Isotropic.Sigma(3, 0.05)  # m/s
 FIRST_BIAS = noiseModel.Diagonal.Sigmas(np.array([0.02] * 3 + [0.001] * 3))  # m/s^2, rad/s
 NEW_POINT = noiseModel.Isotropic.Sigma(3, 1.0)  # until a second view shows its depth
 PROJECTION = noiseModel.Isotropic.Sigma(2, POINT_NOISE)
-NEW_LINE = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
+NEW_LINE = noiseModel.Diagonal.Sigmas(NEW_LINE_SIGMAS)
 
 
 @dataclass
@@ -153,7 +153,9 @@ def build(recording: Recording, with_lines: bool) -> list[Packet]:
             add_first_state(packet, recording)
         else:
             # What `preintegrate_frames` integrates, too: states and frames see the same motion.
-            for segment in recording.imu.segments(STATE_TIMES[k - 1], STATE_TIMES[k], bias=NO_BIAS):
+            start, stop = STATE_TIMES[k - 1 : k + 1]
+            frames = start + FRAME_OFFSETS
+            for segment in recording.imu.segments(start, stop, at=frames, bias=NO_BIAS):
                 imu.integrateMeasurement(*segment)
             packet.factors.add(
                 gtsam.CombinedImuFactor(P(k - 1), S(k - 1), P(k), S(k), U(k - 1), U(k), imu)
