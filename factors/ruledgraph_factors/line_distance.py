@@ -148,6 +148,8 @@ def line_angle_in_numpy(
     chart: LineChart, delta: FloatArray, pose: gtsam.Pose3
 ) -> tuple[float, FloatArray, FloatArray]:
     """The reference of `_native.line_angle`."""
+    if not np.isfinite(delta).all():  # as of the native kernel: a chart would raise
+        return math.nan, np.full(6, math.nan), np.full(4, math.nan)
     place, rotation = pose.translation(), pose.rotation().matrix()
     plucker, by_delta = chart.plucker(delta)
     direction, across = plucker[3:], hat(place)

@@ -70,6 +70,15 @@ def test_it_says_nothing_of_where_pose_and_line_are_together() -> None:
     assert factor.error(there) == pytest.approx(factor.error(values), rel=1e-9)
 
 
+@pytest.mark.parametrize("kernel", ["numpy", "native"])
+def test_nan_in_the_line_is_an_error_of_nan(kernel: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RULEDGRAPH_KERNEL", kernel)
+    factor = line_distance_factor(UNIT, X(0), L(0), a_chart(2.0), 3.0)
+    values = at(a_chart(2.0), np.nan)
+    assert np.isnan(factor.error(values))
+    assert all(np.isnan(block).any() for block in factor_jacobians(factor, values).values())
+
+
 @pytest.mark.parametrize(
     ("noise", "distance", "said"),
     [
