@@ -21,6 +21,7 @@ from pathlib import Path
 import click
 
 from benchmark_accuracy import REAL_MOVING, REAL_SLICE, real_recording
+from ruledgraph.app.run_input import RunInput
 from ruledgraph.app.runner import run
 from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError
@@ -159,7 +160,7 @@ def _cells(cells: tuple[str, ...]) -> str:
 def smooth_real(bag: str, folder: Path) -> None:
     """Smooth the recording with default settings, results in `folder`."""
     stream, calibration, truth = real_recording(bag)
-    run(stream, calibration, Config(), folder, ground_truth=truth)
+    run(RunInput(stream, calibration, truth), Config(), folder)
 
 
 def _first_frame(bag: str) -> int:

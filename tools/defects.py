@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import faults
 from ruledgraph.app.batch.jobs import simulation_options, stem
+from ruledgraph.app.run_input import RunInput
 from ruledgraph.app.runner import run
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.settings import load_config
@@ -143,13 +144,9 @@ def result_of(case: Case, settings: Sequence[str] = ()) -> Result:
     simulation = simulated(case)
     with tempfile.TemporaryDirectory(prefix="ruledgraph-") as folder:
         output = Path(folder, "results")
-        summary = run(
-            simulation.stream(),
-            told(simulation.calibration, case),
-            load_config(None, settings),
-            output,
-            ground_truth=truth_of(simulation),
-        )
+        calibration = told(simulation.calibration, case)
+        given = RunInput(simulation.stream(), calibration, truth_of(simulation))
+        summary = run(given, load_config(None, settings), output)
         live = output / "trajectory_live.tum"
         first = int(read_tum(live).stamps[0]) if summary["frames_estimated"] else None
     percent = case.variation.focal_percent

@@ -13,15 +13,13 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from ruledgraph.app import exit_codes
 from ruledgraph.app.batch.cluster import run_all
 from ruledgraph.app.batch.jobs import Job, plan, values_of
 from ruledgraph.app.batch.store import Store
 from ruledgraph.app.batch.work import Outcome
 from ruledgraph.app.input_options import InputOptions
 from ruledgraph.app.summary_text import short_text
-
-# Exit code after Ctrl-C, as shells say it.
-_INTERRUPTED = 130
 
 
 def batch_command(
@@ -85,7 +83,7 @@ def smooth_jobs(
     for path in tables:
         click.echo(str(path))
     if there < len(jobs):
-        sys.exit(_INTERRUPTED if interrupted else 1)
+        sys.exit(exit_codes.INTERRUPTED if interrupted else exit_codes.SOME_FAILED)
 
 
 @contextmanager

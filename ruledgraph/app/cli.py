@@ -13,6 +13,7 @@ from typing import Any
 
 import click
 
+from ruledgraph.app import exit_codes
 from ruledgraph.app.cli_batch import batch
 from ruledgraph.app.cli_evaluate import evaluate
 from ruledgraph.app.cli_live import live
@@ -26,9 +27,6 @@ from ruledgraph.app.options import (
 )
 from ruledgraph.app.settings_command import settings
 from ruledgraph.core.errors import MachineError, RuledgraphError, machine_error
-
-# Exit codes: without disk space, memory or threads; after Ctrl-C, as shells say it.
-_MACHINE, _INTERRUPTED = 4, 130
 
 
 class _Group(click.Group):
@@ -47,7 +45,7 @@ class _Group(click.Group):
             if trouble is None:
                 raise
             _complain(trouble)
-            sys.exit(_MACHINE)
+            sys.exit(exit_codes.NO_RESOURCES)
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -56,10 +54,10 @@ class _Group(click.Group):
             raise
         except KeyboardInterrupt:
             click.echo("ruledgraph: interrupted", err=True)
-            ctx.exit(_INTERRUPTED)
+            ctx.exit(exit_codes.INTERRUPTED)
         except RuledgraphError as error:
             click.echo(f"ruledgraph: {error}", err=True)
-            ctx.exit(2)
+            ctx.exit(exit_codes.BAD_INPUT)
 
 
 def _complain(error: MachineError) -> None:

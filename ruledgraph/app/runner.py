@@ -3,7 +3,7 @@
 """A whole recording through the odometry, with everything written down."""
 
 import time as clock
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
@@ -12,15 +12,14 @@ from typing import Any
 from ruledgraph.app.found_calibration import write_found_calibration
 from ruledgraph.app.interrupts import CaughtSignals
 from ruledgraph.app.results import Results
+from ruledgraph.app.run_input import RunInput
 from ruledgraph.app.solvers import AnyOdometry, Solver, odometry_for
 from ruledgraph.app.steps import Observer, take_step
 from ruledgraph.app.summary import Tally, about, accuracies, figures, write_ground_truth
 from ruledgraph.app.trajectory_files import TrajectoryFormat
-from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError, machine_error
 from ruledgraph.core.measurements import Frame, Measurement
-from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.odometry import Odometry
 from ruledgraph.recording.read_ahead import ahead
 
@@ -30,42 +29,22 @@ _FEW = 0.5
 _AHEAD = 64
 
 
-class Source:
-    """Where measurements come from, asked at the end of a run; this one has nothing to say."""
-
-    def warnings(self) -> list[str]:
-        """What its reader has to say."""
-        return []
-
-    def likely_causes(self) -> list[str]:
-        """What it may come from that few frames were estimated, likeliest first."""
-        return []
-
-
 def run(
-    measurements: Iterable[Measurement],
-    calibration: Calibration,
+    given: RunInput,
     config: Config,
     output: Path,
     *,
     solver: Solver = "graph",
-    ground_truth: GroundTruth | None = None,
-    inputs: Mapping[str, str] | None = None,
-    source: Source | None = None,
     formats: Sequence[TrajectoryFormat] = (),
     observers: Sequence[Observer] = (),
 ) -> dict[str, Any]:
     """Smooth a recording and write its results; what was computed stays, however it ends.
 
     Args:
-        measurements: a recording's or a simulation's `stream()`.
-        calibration: of camera and IMU.
+        given: what it reads.
         config: all settings.
         output: folder for the results, see `Results`.
         solver: the paper's has no use for `config`, and no covariances.
-        ground_truth: to compare with at the end.
-        inputs: what the recording, calibration and so on were, for the summary.
-        source: where the measurements come from.
         formats: of trajectories, beside TUM's.
         observers: see each step when its results are written.
 
@@ -76,8 +55,7 @@ def run(
         RuledgraphError: for a recording that holds nothing to work on; `MachineError` without
             disk space, memory or threads. Results are in `output`.
     """
-    source = source or Source()
-    odometry = odometry_for(solver, calibration, config)
+    odometry = odometry_for(solver, given.calibration, config)
     tally = Tally()
     started = clock.perf_counter()
     results = Results(output, config, formats)
@@ -91,7 +69,7 @@ def run(
 
     first = _FirstError()
     with CaughtSignals() as caught:
-        with first.kept(), _reading(measurements, odometry) as taken:
+        with first.kept(), _reading(given.measurements, odometry) as taken:
             for measurement in taken:
                 if caught.number:
                     break
@@ -105,18 +83,18 @@ def run(
         wall_s = clock.perf_counter() - started
         tally.map_lines = len(results.lines)
         ended = "interrupted" if caught.number or first.is_interrupt else first.text or "complete"
-        warnings = [*source.warnings(), *odometry.warnings]
-        summary = about(solver, inputs or {}) | figures(
+        warnings = [*given.warnings(), *odometry.warnings]
+        summary = about(solver, given.names) | figures(
             odometry, tally, ended=ended, wall_s=wall_s, warnings=warnings
         )
         if caught.number:
             summary["signal"] = caught.number
         with first.kept():
             if ended == "complete" and tally.estimates < _FEW * max(tally.frames, 1):
-                summary["likely_causes"] = source.likely_causes()
-            if ground_truth is not None and tally.estimates:
-                summary["accuracy"] = accuracies(output, ground_truth)
-                write_ground_truth(output, ground_truth)
+                summary["likely_causes"] = given.likely_causes()
+            if given.ground_truth is not None and tally.estimates:
+                summary["accuracy"] = accuracies(output, given.ground_truth)
+                write_ground_truth(output, given.ground_truth)
         with first.kept():
             results.summarize(summary)
             if isinstance(odometry, Odometry) and tally.estimates:

@@ -4,36 +4,28 @@
 
 import ctypes
 import signal
-from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 import cv2
 
-from ruledgraph.app.input_options import InputOptions
+from ruledgraph.app import exit_codes
 from ruledgraph.app.options import make_way, make_way_for_results
 from ruledgraph.app.outputs import Outputs
 from ruledgraph.app.progress import progress_bar
 from ruledgraph.app.results import default_folder
-from ruledgraph.app.runner import Source, run
+from ruledgraph.app.run_input import RecordedInput
+from ruledgraph.app.runner import run
 from ruledgraph.app.smooth_options import SmoothOptions
 from ruledgraph.app.summary import NO_ESTIMATE
 from ruledgraph.app.summary_text import summary_text
-from ruledgraph.calibration.sensors import Calibration
-from ruledgraph.core.config import Config
-from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.core.settings import load_config
-from ruledgraph.evaluation.ground_truth import read_ground_truth
-from ruledgraph.recording import Recording, RecordingError, check_frame_size, open_recording
 
 _FEW_WARNINGS = 5
 # Of glibc's malloc.h.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
-_NOTHING_ESTIMATED, _BY_SIGNAL = 3, 128
-"""Exit codes; to the second the number of the signal is added."""
 _STATUS_MEANINGS = {
     NO_ESTIMATE: "before a start, of a start that was discarded, or between two segments",
     "dead reckoning": "too few lines, or all of them parallel: carried by the IMU",
@@ -46,60 +38,34 @@ def smooth_command(recording: Path, options: SmoothOptions) -> None:
     """See `ruledgraph smooth --help`."""
     _check_solver(options)
     config = load_config(options.config_file, options.settings)
-    reader = open_recording(recording, **options.inputs.choice)
     options = options.of_recording(recording)
-    inputs = options.inputs
-    calibration = inputs.calibration(recording, reader)
-    truth = read_ground_truth(inputs.ground_truth, reader) if inputs.ground_truth else None
+    given = RecordedInput.open(recording, options.inputs, config)
     output = options.output or default_folder(recording)
     files_read = options.files_read(recording)
     if options.force:
         make_way(*options.outputs.replaceable, inputs=files_read)
-    with Outputs(options.outputs, calibration) as outputs:
+    with Outputs(options.outputs, given.calibration) as outputs:
         _tune_process()
-        with progress_bar(_frame_count(reader, inputs)) as show:
+        with progress_bar(given.frame_count) as show:
             if options.force:  # not before all else has proved possible
                 make_way_for_results(output, files_read)
             summary = run(
-                _of_its_size(reader.stream(), calibration, inputs.calibration_files),
-                calibration,
+                given,
                 config,
                 output,
                 solver=options.solver,
-                ground_truth=truth,
-                inputs={"recording": str(recording), **inputs.summary()},
-                source=_Recorded(recording, reader, calibration, config, inputs.choice),
                 formats=options.formats,
                 observers=[outputs.observe, show],
             )
-    outputs.draw(output, truth)
+    outputs.draw(output, given.ground_truth)
     _tell(summary, output, options.verbose, outputs.rerun_file)
     for message in outputs.messages():
         click.echo(message, err=True)
     if summary["ended"] == "interrupted":
-        # As shells say it: 130 for SIGINT, 143 for SIGTERM.
-        click.get_current_context().exit(_BY_SIGNAL + summary.get("signal", signal.SIGINT))
+        number = summary.get("signal", signal.SIGINT)
+        click.get_current_context().exit(exit_codes.of_signal(number))
     if not summary["frames_estimated"] and summary["ended"] == "complete":
-        click.get_current_context().exit(_NOTHING_ESTIMATED)
-
-
-@dataclass(frozen=True)
-class _Recorded(Source):
-    """A recording, which is looked at again where it yielded little."""
-
-    path: Path
-    reader: Recording
-    calibration: Calibration
-    config: Config
-    choice: Mapping[str, Any]
-
-    def warnings(self) -> list[str]:
-        return self.reader.report.warnings
-
-    def likely_causes(self) -> list[str]:
-        from ruledgraph.app.likely_causes import likely_causes
-
-        return likely_causes(self.path, self.calibration, self.config, self.choice)
+        click.get_current_context().exit(exit_codes.NOTHING_ESTIMATED)
 
 
 def _check_solver(options: SmoothOptions) -> None:
@@ -117,31 +83,6 @@ def _check_solver(options: SmoothOptions) -> None:
     }
     if unused := next((option for option, value in given.items() if value), None):
         raise click.UsageError(f"{unused}: is not supported by --solver paper")
-
-
-def _of_its_size(
-    measurements: Iterable[Measurement], calibration: Calibration, files: Sequence[str]
-) -> Iterator[Measurement]:
-    """The same, after a look at the first frame: here the calibration's files are known."""
-    rest = iter(measurements)
-    for measurement in rest:
-        if isinstance(measurement, Frame):
-            try:
-                check_frame_size(measurement, calibration.camera)
-            except RecordingError as error:
-                where = ", ".join(files) or "the recording's own calibration"
-                raise RecordingError(f"{where}: {error}") from None
-        yield measurement
-        if isinstance(measurement, Frame):
-            break
-    yield from rest
-
-
-def _frame_count(reader: Recording, inputs: InputOptions) -> int | None:
-    """How many there are, where that is known beforehand."""
-    if inputs.is_cropped or not reader.image_topic:
-        return None
-    return reader.image_topic.message_count
 
 
 def _tune_process() -> None:

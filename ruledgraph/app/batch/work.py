@@ -3,7 +3,6 @@
 """One run of a batch, as a worker does it: a job comes in, its results go back."""
 
 import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,11 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from ruledgraph.app.batch.jobs import SIMULATED, Job, simulation_options, stem
 from ruledgraph.app.outputs import OutputOptions, Outputs
-from ruledgraph.app.runner import Source, run
+from ruledgraph.app.run_input import RecordedInput, RunInput
+from ruledgraph.app.runner import run
 from ruledgraph.core.errors import RuledgraphError
-from ruledgraph.core.measurements import Measurement
-from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
-from ruledgraph.recording import Recording, open_recording
+from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.simulation.options import simulation_from_options
 
 
@@ -56,55 +54,42 @@ def run_job(job: Job) -> Outcome:
 def _failure(summary: dict[str, Any]) -> str:
     if summary["ended"] != "complete":
         return str(summary["ended"])
-    return "" if summary["frames_estimated"] else "no frame could be estimated"
-
-
-@dataclass(frozen=True)
-class _Reader(Source):
-    recording: Recording
-
-    def warnings(self) -> list[str]:
-        return self.recording.report.warnings
+    if summary["frames_estimated"]:
+        return ""
+    causes = summary.get("likely_causes", [])[:1]
+    return "; likely cause: ".join(["no frame could be estimated", *causes])
 
 
 def _run(job: Job, output: Path, folder: Path) -> dict[str, Any]:
-    about = {"recording": job.recording, **job.inputs.summary()}
-    source = Source()
-    truth: GroundTruth | None
-    measurements: Iterator[Measurement]
-    if job.recording.startswith(SIMULATED):
-        scene, _, motion = stem(job.recording).partition(":")
-        options = simulation_options(job.recording)
-        simulation = simulation_from_options(scene, motion, seed=job.seed or 0, **options)
-        true = simulation.ground_truth
-        quaternions = Rotation.from_matrix(true.rotation).as_quat()
-        truth = GroundTruth(true.stamps, true.position, quaternions)
-        measurements = simulation.stream()
-        calibration = job.inputs.corrected(simulation.calibration)
-        about["seed"] = str(job.seed)
-    else:
-        path = _local(job.recording, folder)
-        recording = open_recording(path, **job.inputs.choice)
-        source = _Reader(recording)
-        files = tuple(str(_local(file, folder)) for file in job.inputs.calibration_files)
-        calibration = replace(job.inputs, calibration_files=files).calibration(path, recording)
-        known = job.inputs.ground_truth
-        truth = read_ground_truth(str(_local(known, folder)), recording) if known else None
-        measurements = recording.stream()
-    with Outputs(OutputOptions(plots=job.plots), calibration) as outputs:
-        summary = run(
-            measurements,
-            calibration,
-            job.config,
-            output,
-            ground_truth=truth,
-            inputs=about,
-            source=source,
-            formats=job.formats,
-            observers=[outputs.observe],
-        )
-    outputs.draw(output, truth)
+    given = _simulated(job) if job.recording.startswith(SIMULATED) else _recorded(job, folder)
+    with Outputs(OutputOptions(plots=job.plots), given.calibration) as outputs:
+        summary = run(given, job.config, output, formats=job.formats, observers=[outputs.observe])
+    outputs.draw(output, given.ground_truth)
     return summary
+
+
+def _simulated(job: Job) -> RunInput:
+    scene, _, motion = stem(job.recording).partition(":")
+    options = simulation_options(job.recording)
+    simulation = simulation_from_options(scene, motion, seed=job.seed or 0, **options)
+    true = simulation.ground_truth
+    quaternions = Rotation.from_matrix(true.rotation).as_quat()
+    return RunInput(
+        simulation.stream(),
+        job.inputs.corrected(simulation.calibration),
+        GroundTruth(true.stamps, true.position, quaternions),
+        {"recording": job.recording, **job.inputs.summary(), "seed": str(job.seed)},
+    )
+
+
+def _recorded(job: Job, folder: Path) -> RunInput:
+    """Of files that are fetched into a folder where they are elsewhere."""
+    files = tuple(str(_local(file, folder)) for file in job.inputs.calibration_files)
+    known = job.inputs.ground_truth
+    truth = known and str(_local(known, folder))
+    fetched = replace(job.inputs, calibration_files=files, ground_truth=truth)
+    given = RecordedInput.open(_local(job.recording, folder), fetched, job.config)
+    return replace(given, names={"recording": job.recording, **job.inputs.summary()})
 
 
 def _local(source: str, folder: Path) -> Path:

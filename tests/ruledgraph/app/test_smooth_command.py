@@ -16,7 +16,8 @@ import pytest
 from click.testing import Result
 from evo.tools import file_interface
 
-from ruledgraph.app.runner import Source, run
+from ruledgraph.app.run_input import RunInput
+from ruledgraph.app.runner import run
 from ruledgraph.core.config import Config
 from ruledgraph.core.measurements import ImuSample
 from ruledgraph.core.settings import load_config
@@ -164,7 +165,7 @@ def test_a_signal_ends_a_run_between_two_measurements(tmp_path, number):
                 os.kill(os.getpid(), number)
             yield measurement
 
-    summary = run(signalled(), calibration, Config(), tmp_path / "out")
+    summary = run(RunInput(signalled(), calibration), Config(), tmp_path / "out")
     assert (summary["ended"], summary["signal"]) == ("interrupted", number)
     assert signal.getsignal(number) is before
     live, smoothed = (
@@ -181,7 +182,7 @@ def test_an_interrupt_leaves_everything_up_to_then(tmp_path):
         yield from stream[: len(stream) // 2]
         raise KeyboardInterrupt
 
-    summary = run(interrupted(), calibration, Config(), tmp_path / "out")
+    summary = run(RunInput(interrupted(), calibration), Config(), tmp_path / "out")
     assert summary["ended"] == "interrupted"
     poses = read_tum(tmp_path / "out" / "trajectory.tum")
     assert len(poses) == summary["frames_estimated"]
@@ -203,7 +204,7 @@ def test_whatever_goes_wrong_is_on_record_and_the_reader_ends(tmp_path):
         if step.frame is not None and step.frame.stamp > stream[len(stream) // 2].stamp:
             raise LookupError("a mistake")
 
-    class Reader(Source):
+    class Reader(RunInput):
         def warnings(self):
             # Who reads has ended: what it counted does not change any more.
             assert closed.is_set()
@@ -211,7 +212,7 @@ def test_whatever_goes_wrong_is_on_record_and_the_reader_ends(tmp_path):
 
     output, observers = tmp_path / "out", [observe]
     with pytest.raises(LookupError):
-        run(reading(), calibration, Config(), output, source=Reader(), observers=observers)
+        run(Reader(reading(), calibration), Config(), output, observers=observers)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["ended"] == "LookupError: a mistake"
     assert summary["warnings"][0] == "a warning"
@@ -221,7 +222,7 @@ def test_whatever_goes_wrong_is_on_record_and_the_reader_ends(tmp_path):
 def test_a_recording_without_motion_says_so(tmp_path):
     stream, calibration = small_stream(moving=True)
     only_imu = [m for m in stream if isinstance(m, ImuSample)]
-    summary = run(only_imu, calibration, Config(), tmp_path / "out")
+    summary = run(RunInput(only_imu, calibration), Config(), tmp_path / "out")
     assert summary["frames_estimated"] == 0
     assert summary["warnings"][-1] == "the odometry never started"
 

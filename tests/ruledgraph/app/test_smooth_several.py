@@ -119,6 +119,18 @@ def test_an_interrupted_one_is_run_again(folder, tmp_path, monkeypatch):
     assert "1 of 2 runs are there already" in second.output
 
 
+@pytest.mark.usefixtures("run_here")
+def test_one_that_yields_nothing_failed_and_says_why(folder, tmp_path):
+    """Without lines that are long enough."""
+    bags = folder / "small.bag", folder / "day" / "again.bag"
+    options = ("--calibration", folder / "calib.yaml", "--start", 1.5, "--duration", 1.5)
+    options += ("--set", "tracks.min_length_px=9000", "--output", tmp_path / "out")
+    result = smooth(*bags, *options)
+    assert result.exit_code == 1
+    assert "0 of 2 runs are complete, 2 failed" in result.output
+    assert result.output.count("no frame could be estimated; likely cause: ") == 2
+
+
 @pytest.mark.parametrize(
     "option", [["--video", "a.mp4"], ["--rerun", "a.rrd"], ["--solver", "paper"], ["--verbose"]]
 )

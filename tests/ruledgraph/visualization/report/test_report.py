@@ -16,6 +16,7 @@ from click.testing import CliRunner, Result
 
 from html_page import Page
 from ruledgraph.app.cli import main
+from ruledgraph.app.run_input import RunInput
 from ruledgraph.app.runner import run
 from ruledgraph.core.settings import load_config
 from ruledgraph.core.trajectory import Trajectory, read_tum
@@ -40,14 +41,9 @@ def truth() -> Trajectory:
 def finished(truth, tmp_path_factory) -> Path:
     stream, calibration = small_stream()
     output = tmp_path_factory.mktemp("results") / "first"
-    run(
-        stream,
-        calibration,
-        load_config(None, ["window.lag=1.4"]),
-        output,
-        ground_truth=GroundTruth(truth.stamps, truth.positions, truth.quaternions),
-        inputs={"recording": "small.bag"},
-    )
+    true = GroundTruth(truth.stamps, truth.positions, truth.quaternions)
+    given = RunInput(stream, calibration, true, {"recording": "small.bag"})
+    run(given, load_config(None, ["window.lag=1.4"]), output)
     # With pictures there is nothing to draw, which takes most of the time.
     (output / "plots").mkdir()
     for name in ("trajectory", "consistency", "status", "states"):
