@@ -5,8 +5,6 @@
 import re
 from pathlib import Path
 
-import pytest
-
 import ruledgraph_factors as rf
 from cpp import FACTORS, build_with_gtsam, cmake, compile_cpp, eigen_folder, run, stand_in
 
@@ -35,10 +33,13 @@ def test_every_block_of_the_page_is_a_part_of_the_example() -> None:
         assert without_layout(block) in example, block
 
 
-@pytest.mark.parametrize(("name", "version"), [("line_in_graph", 40200), ("vio", 40300)])
-def test_the_examples_compile(name: str, version: int) -> None:
-    # The headers themselves `test_cpp_factors.py` compiles for both versions.
-    compile_cpp(EXAMPLE.with_name(f"{name}.cpp"), *stand_in(version), "-fsyntax-only")
+def test_the_examples_compile(tmp_path: Path) -> None:
+    # Together, in half the time; the headers `test_cpp_factors.py` compiles for both versions.
+    both = tmp_path / "examples.cpp"
+    names = "line_in_graph", "vio"
+    parts = [f'#define main {n}_main\n#include "{EXAMPLE.with_name(n)}.cpp"' for n in names]
+    both.write_text("\n#undef main\n".join(parts))
+    compile_cpp(both, *stand_in(40300), "-fsyntax-only")
 
 
 def consume(folder: Path, package: Path) -> list[str]:

@@ -51,10 +51,9 @@ def test_a_rotation_that_is_off_by_three_degrees_is_found_and_reported(moving):
     assert held > 1.5 * error
 
 
-@pytest.mark.parametrize("axes", [[1, 2, 0], [2, 0, 1]])
-def test_exchanged_axes_are_reported_and_replaced_on_request(axes):
+def test_exchanged_axes_are_reported_and_replaced_on_request():
     true = small_stream(moving=True, duration=DURATION)[1].body_T_cam
-    exchanged = gtsam.Pose3(gtsam.Rot3(np.eye(3)[axes]), np.zeros(3))
+    exchanged = gtsam.Pose3(gtsam.Rot3(np.eye(3)[[2, 0, 1]]), np.zeros(3))
     odometry, error = run(true.compose(exchanged), "extrinsics.from_images=true")
     (warning,) = (w for w in odometry.warnings if "T_cam_imu looks wrong" in w)
     assert "px with the rotation [[" in warning
