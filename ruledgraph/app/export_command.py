@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from ruledgraph.app.options import make_way
+from ruledgraph.app.remove_existing import remove_existing
 from ruledgraph.calibration import CalibrationError, read_calibration, write_kalibr
 from ruledgraph.calibration.sensors import Calibration, Mounting
 from ruledgraph.calibration.wide_angle import WIDE_ANGLE
@@ -37,7 +37,7 @@ def export_command(
         if not force and beside.exists():
             raise RecordingError(f"{beside} exists already; remove it or choose another name")
     if force:
-        make_way(out, *([beside] if beside is not None else []), inputs=[recording])
+        remove_existing(out, *([beside] if beside is not None else []), inputs=[recording])
     fits = calibration is not None and (
         kind == "asl" or calibration.camera.distortion not in WIDE_ANGLE
     )

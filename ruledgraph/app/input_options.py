@@ -8,9 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from ruledgraph.app.calibration_choice import calibration_for
-from ruledgraph.app.options import RECORDING_CHOICE
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.recording import Recording
+
+_CHOICE = (
+    "image_topic",
+    "imu_topic",
+    "gyroscope_topic",
+    "accelerometer_topic",
+    "start",
+    "duration",
+)
+"""Parameters of commands that are arguments of `open_recording`, too."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +48,7 @@ class InputOptions:
         """From the options of a command, by the names of their parameters; they are taken out."""
         own = {f.name: given.pop(f.name) for f in fields(cls) if f.name in given}
         own["calibration_files"] = tuple(map(str, own["calibration_files"]))
-        chosen = {name: given.pop(name) for name in RECORDING_CHOICE}
+        chosen = {name: given.pop(name) for name in _CHOICE}
         known = {name: value for name, value in chosen.items() if value is not None}
         return cls(**own, choice=known)
 

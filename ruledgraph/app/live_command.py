@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from ruledgraph.app.calibration_choice import calibration_of_files
 from ruledgraph.app.interrupts import CaughtSignals
-from ruledgraph.app.options import make_way
 from ruledgraph.app.refusals import Refusals
+from ruledgraph.app.remove_existing import remove_existing
 from ruledgraph.calibration import TYPICAL_IMU_NOISE, write_kalibr
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.context import Closing
@@ -173,7 +173,7 @@ class Recorder(Closing):
         if path.suffix != ".mcap":
             raise RuledgraphError(f"{path}: --record writes MCAP files, name it .mcap")
         if force:
-            make_way(path, _beside(path), inputs=inputs)
+            remove_existing(path, _beside(path), inputs=inputs)
         for file in (path, _beside(path)):
             if file.exists():
                 raise RuledgraphError(f"{file} exists already; choose another name or pass --force")

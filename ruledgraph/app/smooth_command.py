@@ -12,9 +12,9 @@ import click
 import cv2
 
 from ruledgraph.app import exit_codes
-from ruledgraph.app.options import make_way, make_way_for_results
 from ruledgraph.app.outputs import Outputs
 from ruledgraph.app.progress import progress_bar
+from ruledgraph.app.remove_existing import remove_existing, remove_existing_results
 from ruledgraph.app.results import default_folder
 from ruledgraph.app.run_input import RecordedInput
 from ruledgraph.app.runner import run
@@ -43,12 +43,12 @@ def smooth_command(recording: Path, options: SmoothOptions) -> None:
     output = options.output or default_folder(recording)
     files_read = options.files_read(recording)
     if options.force:
-        make_way(*options.outputs.replaceable, inputs=files_read)
+        remove_existing(*options.outputs.replaceable, inputs=files_read)
     with Outputs(options.outputs, given.calibration) as outputs:
         _tune_process()
         with progress_bar(given.frame_count) as show:
             if options.force:  # not before all else has proved possible
-                make_way_for_results(output, files_read)
+                remove_existing_results(output, files_read)
             summary = run(
                 given,
                 config,

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 import ruledgraph
 from ruledgraph.app.cli import main
-from ruledgraph.app.options import make_way
+from ruledgraph.app.remove_existing import remove_existing
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.recording import open_recording, write_recording
 from ruledgraph_factors import active_kernel
@@ -41,7 +41,7 @@ def test_help_says_what_it_is(flag: str) -> None:
     listed = result.stdout.partition("Commands:")[2].split("\n")
     commands = [line.split()[0] for line in listed if line[2:3].isalpha()]
     workflow = ["simulate", "info", "smooth", "live", "batch", "evaluate", "report", "export"]
-    assert commands == [*workflow, "completion", "settings"]
+    assert commands == [*workflow, "settings", "completion"]
 
 
 def _options() -> list[tuple[str, click.Option]]:
@@ -168,7 +168,7 @@ def test_words_are_completed(words: str, expected: str) -> None:
 def test_force_leaves_devices_alone(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "run.mcap")
     with pytest.raises(RuledgraphError, match=r"run\.mcap: is no file; --force leaves it alone"):
-        make_way(tmp_path / "run.mcap")
+        remove_existing(tmp_path / "run.mcap")
     assert (tmp_path / "run.mcap").exists()
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from ruledgraph.app.options import (
+from ruledgraph.app.cli.options import (
     calibration_options,
     force_option,
     recording_options,

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from ruledgraph.app.options import calibration_options, force_option, settings_options
+from ruledgraph.app.cli.options import calibration_options, force_option, settings_options
 
 
 @click.command()

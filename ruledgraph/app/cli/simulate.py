@@ -7,7 +7,8 @@ from typing import Any
 
 import click
 
-from ruledgraph.app.options import LONGEST_READOUT, force_option, format_option, make_way
+from ruledgraph.app.cli.options import LONGEST_READOUT, force_option, format_option
+from ruledgraph.app.remove_existing import remove_existing
 
 
 def _list_simulations(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
@@ -131,7 +132,7 @@ def simulate(
     simulation = simulation_from_options(scene, motion, **options)
     if force:  # not before all else has proved possible
         named = motion, options["calibration"], options["imu"]
-        make_way(*written, inputs=[Path(name) for name in named if name is not None])
+        remove_existing(*written, inputs=[Path(name) for name in named if name is not None])
     if preview:
         write_contact_sheet(simulation, preview)
         click.echo(str(preview))

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from ruledgraph.app.options import calibration_options, recording_options
+from ruledgraph.app.cli.options import calibration_options, recording_options
 
 
 @click.command(short_help="Smooth many recordings with many settings.")
