@@ -7,11 +7,13 @@
     python tools/consistency.py --set edges.sigma_px=0.35
 
 Every run has its own motion, noise, biases and texture; of a flight, its own stretch, with the IMU
-as it was recorded. NEES, e^T S^-1 e against the truth, is a degree of freedom's and should be 1 in
-the mean; where it lies below the reported covariance is too large, above too small. The median is
-that of NEES over the median that it should have. The bounds hold 95 % of what the mean and the
-median over so many runs are when all is well, with one independent draw a run. Beyond three sigma
-there should be 0.3 %. Rows are kept in --out as they come; a run that was interrupted goes on.
+as it was recorded. The synthetic IMU has the white noise of its data sheet, or, in the runs "noisy
+IMU", that which the settings assume of one in motion. NEES, e^T S^-1 e against the truth, is a
+degree of freedom's and should be 1 in the mean; where it lies below the reported covariance is too
+large, above too small. The median is that of NEES over the median that it should have. The bounds
+hold 95 % of what the mean and the median over so many runs are when all is well, with one
+independent draw a run. Beyond three sigma there should be 0.3 %. Rows are kept in --out as they
+come; a run that was interrupted goes on.
 """
 
 import json
@@ -28,25 +30,23 @@ import numpy as np
 from scipy.stats import beta, chi2
 
 from ruledgraph.app.batch.cluster import in_parallel
-from ruledgraph.calibration.sensors import ADIS16448_LIKE
+from ruledgraph.calibration.sensors import ADIS16448_LIKE, D435I_LIKE
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.core.config import Config
+from ruledgraph.core.config import Config, ImuConfig
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.settings import load_config
 from ruledgraph.evaluation.ground_truth import read_ground_truth
 from ruledgraph.odometry import Odometry
 from ruledgraph.simulation import D435I, MeasuredMotion, RecordedImu, Simulation, simulate
-from ruledgraph.simulation.options import simulation_from_options
 from state_nees import nees
 
 SCENE, MOTION = "noncoplanar_cluttered", "free"
-STARTS: dict[str, dict[str, Any]] = {
-    "at rest": {},
-    "in motion": {"moving_start": True},
-    "rolling shutter": {"moving_start": True, "readout": 0.02},
-}
-"""With the options of the simulation that they differ by."""
+NOISY = ", noisy IMU"
+"""Ends the name of a start where the IMU has the white noise that is assumed."""
+_RENDERED = ("at rest", "in motion", "rolling shutter")
+STARTS = (*_RENDERED, *(f"{start}{NOISY}" for start in _RENDERED))
+_READOUT = 0.02
 FLIGHTS = {"V1_01_easy": "room", "MH_04_difficult": "hall"}
 """With the scene that is rendered."""
 CAMERA_OF_FLIGHTS = replace(D435I, imu_noise=ADIS16448_LIKE)
@@ -62,10 +62,21 @@ _NOTHING = 0.01
 _BEFORE_FLIGHT, _FLIGHT_RATE = 20.0, 20.0
 
 
-def simulated(start: str, seed: int, seconds: float, rate: float) -> Simulation:
+def simulated(start: str, seed: int, seconds: float, rate: float, config: ImuConfig) -> Simulation:
     """A motion of its own in the cluttered scene."""
-    options = {"rate": rate, "duration": seconds, "seed": seed, **STARTS[start]}
-    return simulation_from_options(SCENE, MOTION, **options)
+    noise, name = D435I_LIKE, start.removesuffix(NOISY)
+    if name != start:
+        noise = noise.at_least(config.min_accelerometer_noise, config.min_gyroscope_noise)
+    return simulate(
+        SCENE,
+        MOTION,
+        calibration=D435I.with_readout(_READOUT if name == "rolling shutter" else 0.0),
+        rate=rate,
+        imu=noise,
+        duration=seconds,
+        moving_start=name != "at rest",
+        seed=seed,
+    )
 
 
 def flown(name: str, seed: int, seconds: float, folder: Path) -> Simulation:
@@ -164,7 +175,7 @@ def _run(
     start, seed = case
     make: Callable[[], Simulation]
     if start in STARTS:
-        make = partial(simulated, start, seed, seconds, rate)
+        make = partial(simulated, start, seed, seconds, rate, config.imu)
     else:
         assert flights is not None  # noqa: S101 - `main` sees to it
         make = partial(flown, start, seed, seconds, flights)
@@ -206,7 +217,7 @@ def main(
     except RuledgraphError as error:
         raise click.UsageError(str(error)) from None
     chosen = starts or (*STARTS, *(FLIGHTS if flights else ()))
-    if flights is None and not STARTS.keys() >= set(chosen):
+    if flights is None and not set(STARTS) >= set(chosen):
         raise click.UsageError("flights need --flights, the folder they are in")
     rows: list[dict[str, Any]] = []
     if out is not None and out.exists():

@@ -11,6 +11,8 @@ from click.testing import CliRunner
 
 import consistency
 from consistency import DIMENSION, PARTS
+from ruledgraph.core.config import Config
+from ruledgraph.core.measurements import ImuSample
 
 FLIGHTS = Path(__file__).parents[3] / "shared" / "data" / "euroc_motion"
 
@@ -101,6 +103,24 @@ def test_a_run_that_goes_on(tmp_path):
         assert len(rows[2][kind]["position"]) > 20  # of all frames
         assert np.all(np.isfinite(rows[2][kind]["gyroscope bias"]))
     assert "| at rest | live | moving | 3 | position |" in result.output
+
+
+def test_a_noisy_imu_has_the_noise_that_is_assumed():
+    assumed = Config().imu
+    quiet, noisy = (
+        consistency.simulated(start, 0, 2.0, 15.0, assumed)
+        for start in ("in motion", f"in motion{consistency.NOISY}")
+    )
+    noise = noisy.calibration.imu_noise
+    assert noise.accelerometer == assumed.min_accelerometer_noise
+    assert noise.gyroscope == assumed.min_gyroscope_noise
+    spread = [
+        np.std(np.diff([m.accelerometer for m in s.stream() if isinstance(m, ImuSample)], axis=0))
+        for s in (quiet, noisy)
+    ]
+    # Of the differences of white noise, m/s^2 at 200 Hz, to 4 deviations; the motion's are small.
+    assert spread[1] == pytest.approx(np.sqrt(2.0 * 200.0) * noise.accelerometer, rel=0.1)
+    assert spread[0] < 0.3 * spread[1]
 
 
 def test_flights_need_their_folder():
