@@ -15,7 +15,7 @@ from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.frontend.tracker import Tracker
 from ruledgraph.imu.frame_history import TIME_TOLERANCE, FrameTime
 from ruledgraph.imu.image_input import image_fault
-from ruledgraph.initialization.clock_search import ClockSearch
+from ruledgraph.initialization.calibration_search import CalibrationSearch
 from ruledgraph.integrity.gauge import ReliableState
 from ruledgraph.segments.prediction import predicted
 from ruledgraph.segments.rows import row_motion
@@ -75,9 +75,9 @@ class Odometry(Output):
         return self._segments.last_reliable
 
     @property
-    def clock_search(self) -> ClockSearch:
+    def calibration_search(self) -> CalibrationSearch:
         """Searches for the time offset by the rotation seen in the images."""
-        return self._segments.clock_search
+        return self._segments.calibration_search
 
     @property
     def time_offset(self) -> TimeOffset:
@@ -156,7 +156,9 @@ class Odometry(Output):
 
     def _keep(self, frame: Frame) -> None:
         """The frames of the next start, if their rows may have to be read anew."""
-        is_global = not (self.mounting.calibration.readout or self.clock_search.readout.finder)
+        is_global = not (
+            self.mounting.calibration.readout or self.calibration_search.readout.finder
+        )
         if self._segments.has_start or is_global:
             self._kept_frames.clear()
             return
@@ -187,7 +189,7 @@ class Odometry(Output):
         sensors.frames.append(now)
         if segment is None or segments.last_status != "still":
             with self.timings.measured("clock"):
-                self.clock_search.add_image(sensors.seconds(frame.stamp), frame.image)
+                self.calibration_search.add_image(sensors.seconds(frame.stamp), frame.image)
         if segment is None:
             with self.timings.measured("start"):
                 segments.try_start(now)
@@ -210,9 +212,9 @@ class Odometry(Output):
     def _carried_on(self, segment: TrajectorySegment, now: FrameTime, due: bool) -> bool:
         """Give the segment a state at a frame, if one is due; whether it goes on."""
         if due or segment.rest_phase.of_state:
-            segment.look(now.time)
+            segment.update_rest(now.time)
         if not due:
             return True
         with self.timings.measured("smoother"):
             is_added = segment.advance()
-        return not is_added or self._segments.settle(segment, now)
+        return not is_added or self._segments.decide(segment, now)

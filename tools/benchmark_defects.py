@@ -45,7 +45,7 @@ class Defect:
 
 
 DEFECTS = (
-    Defect("offset_ms", "clock offset, ms", (-60, -20, 0, 20, 60)),
+    Defect("offset_ms", "time offset, ms", (-60, -20, 0, 20, 60)),
     Defect("turned_deg", "camera turned, deg", (0, 1, 2, 3, 5)),
     Defect("moved_mm", "camera moved, mm", (0, 3, 10)),
     Defect("readout_ms", "readout, ms", (0, 10, 20, 30)),

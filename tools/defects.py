@@ -129,7 +129,7 @@ def told(true: Calibration, case: Case) -> Calibration:
 
 
 def truth_of(simulation: Simulation) -> GroundTruth:
-    """At the stamps of the frames, which the clock offset moves; where the calibration says nothing
+    """At the stamps of the frames, which the time offset moves; where the calibration says nothing
     of rows they are those of the middle rows.
     """
     true, stamps = simulation.calibration, simulation.ground_truth.stamps

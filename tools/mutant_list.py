@@ -59,7 +59,7 @@ _AREAS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("of_velocity * gap**2", "of_velocity * gap"),
             ("attitude @ of_pose[3:, 3:] @ attitude.T", "of_pose[3:, 3:]"),
             ("0.5 * config.gap_acceleration", "config.gap_acceleration"),
-            ("(config.gap_turn_rate * gap) ** 2", "(config.gap_turn_rate * gap)"),
+            ("(config.gap_rotation_rate * gap) ** 2", "(config.gap_rotation_rate * gap)"),
             ("M[1, 0] - M[0, 1]", "M[0, 1] - M[1, 0]"),
             ("+ fading * last.velocity", "- fading * last.velocity"),
             ("R.T @ self.position_covariance @ R", "self.position_covariance"),

@@ -15,7 +15,7 @@ from ruledgraph.odometry import Odometry
 
 def calibration_summary(odometry: Odometry) -> dict[str, Any]:
     """Time offset, extrinsics, focal length and readout: what was given and found."""
-    readout, found_readout = odometry.calibration.readout, odometry.clock_search.readout.found
+    readout, found_readout = odometry.calibration.readout, odometry.calibration_search.readout.found
     rolling: dict[str, Any] = {"readout_s": readout} if readout else {}
     if found_readout is not None:
         rolling = {"readout_s": found_readout.value, "readout_sigma_s": found_readout.sigma}
@@ -51,7 +51,7 @@ def write_found_calibration(odometry: Odometry, path: Path) -> None:
 def _time_offset(odometry: Odometry) -> dict[str, Any]:
     """In s."""
     value, sigma = odometry.time_offset
-    found = odometry.clock_search.found
+    found = odometry.calibration_search.found
     return {
         "s": value,
         "sigma_s": sigma,
@@ -59,7 +59,7 @@ def _time_offset(odometry: Odometry) -> dict[str, Any]:
         "given_s": odometry.calibration.time_offset,
         "images_s": None if found is None else found.value,
         "images_sigma_s": None if found is None else found.sigma,
-        "images_used": odometry.clock_search.used,
+        "images_used": odometry.calibration_search.used,
     }
 
 

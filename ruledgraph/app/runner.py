@@ -21,12 +21,12 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError, machine_error
 from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.odometry import Odometry
-from ruledgraph.recording.read_ahead import ahead
+from ruledgraph.recording.read_ahead import read_ahead
 
 # With estimates of fewer frames than this share, the likely causes are looked for.
 _FEW = 0.5
 # Measurements read ahead, a few frames' worth.
-_AHEAD = 64
+_READ_AHEAD = 64
 
 
 def run(
@@ -137,7 +137,7 @@ def _reading(
 ) -> AbstractContextManager[Iterable[Measurement]]:
     """The measurements, for the factor graph read and prepared ahead."""
     if isinstance(odometry, Odometry):
-        return closing(ahead(measurements, partial(_prepare, odometry), _AHEAD))
+        return closing(read_ahead(measurements, partial(_prepare, odometry), _READ_AHEAD))
     return nullcontext(measurements)
 
 

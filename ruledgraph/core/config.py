@@ -198,7 +198,7 @@ class IntegrityConfig(Section):
     """Time constant with which a velocity is forgotten between two segments."""
     gap_acceleration: float = number(1.0, "m/s^2", 0.0, 100.0)
     """Standard deviation of the acceleration in a gap between two segments."""
-    gap_turn_rate: float = number(0.3, "rad/s", 0.0, 10.0)
+    gap_rotation_rate: float = number(0.3, "rad/s", 0.0, 10.0)
     """Standard deviation of the turn about the vertical in such a gap."""
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Whether the images turn as the gyroscope says: is the mounting the right way round, the clock?
 
-`initialization.clock_offset` and `initialization.mounting_check` say how it is found.
+`initialization.time_offset_finder` and `initialization.mounting_check` say how it is found.
 """
 
 from collections.abc import Iterable, Iterator
@@ -14,8 +14,8 @@ from ruledgraph.core.config import DEFAULTS, StartConfig
 from ruledgraph.core.measurements import Frame, ImuSample, Measurement
 from ruledgraph.diagnostics.finding import Finding
 from ruledgraph.diagnostics.readout_check import compare_readout
-from ruledgraph.initialization.clock_offset import ClockOffsetFinder, covered, fit_offset
 from ruledgraph.initialization.mounting_check import check_mounting
+from ruledgraph.initialization.time_offset_finder import TimeOffsetFinder, covered, fit_offset
 from ruledgraph_factors import ImuSamples
 
 _MAX_PAIRS = 80
@@ -23,12 +23,12 @@ _MAX_PAIRS = 80
 _SIGNIFICANT, _LARGE = 3.0, 0.005
 
 
-def examine_turning(
+def check_rotation(
     measurements: Iterable[Measurement],
     calibration: Calibration,
     start: StartConfig = DEFAULTS.start,
 ) -> Iterator[Finding]:
-    """Compare the turning of the images with the gyroscope's.
+    """Compare the rotation of the images with the gyroscope's.
 
     Args:
         measurements: a stretch of a recording; the first of it that suffices is used.
@@ -38,7 +38,7 @@ def examine_turning(
     origin: int | None = None
     times, readings = [], []
     bias_sigma = start.gyroscope_bias
-    finder = ClockOffsetFinder(calibration, bias_sigma, _MAX_PAIRS)
+    finder = TimeOffsetFinder(calibration, bias_sigma, _MAX_PAIRS)
     camera = calibration.camera
     for m in measurements:
         if isinstance(m, ImuSample):

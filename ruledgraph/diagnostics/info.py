@@ -23,7 +23,7 @@ from ruledgraph.diagnostics.checks import (
     examine_calibration,
     examine_camera_info,
 )
-from ruledgraph.diagnostics.extrinsics_check import examine_turning
+from ruledgraph.diagnostics.extrinsics_check import check_rotation
 from ruledgraph.diagnostics.finding import Finding
 from ruledgraph.diagnostics.image_check import examine_image
 from ruledgraph.diagnostics.readout_check import examine_readout
@@ -171,10 +171,10 @@ def inspect_recording(
         info.missing.append(str(error))
     container.finish()
 
-    def turning(known: Calibration) -> Iterator[Finding]:
+    def rotation(known: Calibration) -> Iterator[Finding]:
         # From where on it turns most.
         stretch = Recording(open_container(path), camera, imu, seen.liveliest(start or 0.0))
-        return examine_turning(stretch.stream(), known, config.start)
+        return check_rotation(stretch.stream(), known, config.start)
 
     report = recording.report
     info.topics = [container.describe(topic) for topic in container.topics]
@@ -198,7 +198,7 @@ def inspect_recording(
         found, own = _own_calibration(Recording(open_container(path), camera, imu), imu_noise)
         info.findings.append(found)
         if own is not None and not info.missing:
-            info.findings += turning(own)
+            info.findings += rotation(own)
     if calibration is not None:
         info.findings += examine_calibration(calibration, info.image_size)
         info.findings += examine_readout(calibration, seen.times(seen.frame_stamps))
@@ -206,7 +206,7 @@ def inspect_recording(
         if recorded is not None:
             info.findings += examine_camera_info(calibration.camera, recorded)
         if not info.missing:
-            info.findings += turning(calibration)
+            info.findings += rotation(calibration)
     if plots is not None:
         info.plot = str(draw_timing(seen, plots, config.rest))
     return info

@@ -108,8 +108,8 @@ def predict_all(
     Ends (n, 4) and sigmas (n, 2).
     """
 
-def turn_all(ends: FloatArray, cam_R_before: FloatArray, moved: FloatArray) -> FloatArray:
-    """`prediction.turn_in_numpy` of n segments, (n, 4)."""
+def rotate_all(ends: FloatArray, cam_R_before: FloatArray, moved: FloatArray) -> FloatArray:
+    """`prediction.rotate_in_numpy` of n segments, (n, 4)."""
 
 def clip_all(
     ends: FloatArray, low: FloatArray, high: FloatArray

@@ -132,7 +132,7 @@ def measured_moves(
     return known._replace(moves=moves)
 
 
-def settle(track: Track, moves: FloatArray, effective_points: float) -> None:
+def correct_last_sighting(track: Track, moves: FloatArray, effective_points: float) -> None:
     """Move a track's last sighting anew, by the mean of its moves and those (2, 2) measured since.
 
     `effective_points` is the setting `edges.effective_points`.

@@ -75,16 +75,16 @@ def by_rotation(
     """
     ends = np.array([track.ends for track in tracks]).reshape(-1, 2, 2) / focal_ratio
     moved = np.array([track.rates for track in tracks]).reshape(-1, 2) * elapsed
-    turn = kernel.native.turn_all if kernel.is_native() else turn_in_numpy
+    turn = kernel.native.rotate_all if kernel.is_native() else rotate_in_numpy
     ends = turn(ends, cam_R_before, moved / (focal * focal_ratio)).reshape(-1, 2, 2) * focal_ratio
     sigmas = np.array([(track.sigma, track.sigma) for track in tracks]).reshape(-1, 2)
     return Rulings(ends, sigmas, np.array([track.slope for track in tracks]))
 
 
-def turn_in_numpy(ends: FloatArray, cam_R_before: FloatArray, moved: FloatArray) -> FloatArray:
+def rotate_in_numpy(ends: FloatArray, cam_R_before: FloatArray, moved: FloatArray) -> FloatArray:
     """Segments (N, 2, 2) after a turn of the camera, moved on across themselves by (N, 2).
 
-    The reference of `_native_frame.turn_all`.
+    The reference of `_native_frame.rotate_all`.
     """
     rays = _rays(ends) @ cam_R_before.T
     ends = rays[..., :2] / rays[..., 2:]

@@ -26,9 +26,9 @@ from ruledgraph.frontend.image_motion import moved_since
 from ruledgraph.frontend.rolling_edges import (
     RowMoves,
     capped_statistics,
+    correct_last_sighting,
     keep_unsettled,
     measured_moves,
-    settle,
     straight_edges,
 )
 from ruledgraph.frontend.row_motion import RowMotion
@@ -137,7 +137,7 @@ class Tracker:
             if estimated:
                 track.unsettled = None
             else:
-                settle(track, moves, self._edges.effective_points)
+                correct_last_sighting(track, moves, self._edges.effective_points)
         moving = row_moves.along(rulings)
         edges, points = straight_edges(edges, moving, self._edges.end_growth)
         keep_unsettled(tracks, points, moving, row_moves.estimated)

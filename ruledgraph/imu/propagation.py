@@ -55,7 +55,7 @@ class StateWithCovariance(Protocol):
     """Of pose (rotation first, right perturbation), velocity and bias together, (15, 15)."""
 
 
-def turn_bound(imu: ImuBuffer, node: StateWithCovariance, time: float) -> float:
+def rotation_bound(imu: ImuBuffer, node: StateWithCovariance, time: float) -> float:
     """Bound of the angle by which the body turned from a state until a time (s), rad: the integral
     of |w - b|.
     """
@@ -64,11 +64,11 @@ def turn_bound(imu: ImuBuffer, node: StateWithCovariance, time: float) -> float:
     return float(np.trapezoid(rates, samples.times))
 
 
-def turned_half_way(imu: ImuBuffer, node: StateWithCovariance, time: float) -> bool:
+def rotated_half_turn(imu: ImuBuffer, node: StateWithCovariance, time: float) -> bool:
     """Whether the body turned by more than half a turn from a state until a time (s): then the
     rotation that is preintegrated is not unique.
     """
-    if turn_bound(imu, node, time) <= np.pi:
+    if rotation_bound(imu, node, time) <= np.pi:
         return False
     try:
         preintegrate_frames(imu.between(node.time, time), node.time, [time], node.bias)

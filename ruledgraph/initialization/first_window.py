@@ -46,10 +46,10 @@ class FirstWindow:
     @property
     def sigma(self) -> float:
         """Standard deviation of a point, normalised units."""
-        return self.figure * math.sqrt(self.edge_variance)
+        return self.nominal_sigma * math.sqrt(self.edge_variance)
 
     @property
-    def figure(self) -> float:
+    def nominal_sigma(self) -> float:
         """The same by `edges.sigma_px`."""
         return self.config.edges.sigma_px / self.calibration.camera.focal_length
 

@@ -146,7 +146,7 @@ def _followed(window: FirstWindow, begin: Callable[[], InitialValues]) -> Batch 
 
 def _edge_variance(batch: Batch, window: FirstWindow) -> float:
     """By the sightings that do not contradict the start, see `edge_variance`."""
-    misfits = np.concatenate(batch.misfits(window.figure))
+    misfits = np.concatenate(batch.misfits(window.nominal_sigma))
     fitting = misfits[misfits < float(chdtri(2, 1.0 - window.config.start.confidence))]
     dof = 2.0 * len(fitting) - 4.0 * len(window.seen) - _STATE_DOF
     return edge_variance(float(np.sum(fitting)), dof, window.config.edges)
@@ -164,7 +164,7 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
     """The best hypothesis, if it is accepted."""
     batch, config, start = best[0], window.config, window.config.start
     limit = float(chdtri(2, 1.0 - start.confidence))
-    fits = [misfit < limit for misfit in batch.misfits(window.figure)]
+    fits = [misfit < limit for misfit in batch.misfits(window.nominal_sigma)]
     outliers = 1.0 - float(np.mean(np.concatenate(fits)))
     if outliers > start.outlier_share:
         return Refusal(

@@ -15,7 +15,7 @@ from ruledgraph.imu.camera_clock import CameraClock
 from ruledgraph.imu.frame_history import TIME_TOLERANCE, FrameTime
 from ruledgraph.imu.synchronizer import Synchronizer
 from ruledgraph.initialization.at_rest import start_at_rest
-from ruledgraph.initialization.clock_search import ClockSearch
+from ruledgraph.initialization.calibration_search import CalibrationSearch
 from ruledgraph.initialization.in_motion import start_in_motion
 from ruledgraph.initialization.prior import Refusal
 from ruledgraph.integrity.rest import RestDetector
@@ -34,7 +34,7 @@ class Initializer:
     Args:
         mounting: with the calibration of camera and IMU.
         clock: of the camera.
-        clock_search: of the time offset, by the rotation seen in the images.
+        calibration_search: of the time offset, by the rotation seen in the images.
         sensors: the IMU samples and the times of the frames.
         front_end: with the line tracks.
         rest_detector: detects whether the body is at rest.
@@ -46,7 +46,7 @@ class Initializer:
         self,
         mounting: CameraMounting,
         clock: CameraClock,
-        clock_search: ClockSearch,
+        calibration_search: CalibrationSearch,
         sensors: Synchronizer,
         front_end: FrontEnd,
         rest_detector: RestDetector,
@@ -55,7 +55,7 @@ class Initializer:
     ) -> None:
         self._mounting = mounting
         self._clock = clock
-        self._clock_search = clock_search
+        self._calibration_search = calibration_search
         self._sensors = sensors
         self._front_end = front_end
         self._rest_detector = rest_detector
@@ -105,12 +105,12 @@ class Initializer:
         return FirstFrames(found, frames)
 
     def _with_checked_offset(self, start: Start) -> Start | Refusal:
-        """A start, unless images may show that its clock offset is another one."""
+        """A start, unless images may show that its time offset is another one."""
         if start.time_offset is None:
             return start
         offset = self._mounting.calibration.time_offset + self._sensors.offset_correction
         offset += start.time_offset.value
-        if not self._clock_search.contradicts_known(offset):
+        if not self._calibration_search.contradicts_known(offset):
             return start
         return Refusal(
             f"the start suggests a time offset of {1e3 * offset:.0f} ms: waiting until the camera "

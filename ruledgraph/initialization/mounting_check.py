@@ -12,9 +12,9 @@ import numpy as np
 
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.initialization.clock_offset import fit_offset
 from ruledgraph.initialization.image_rotation import PointPairs
-from ruledgraph.initialization.rotation_fit import MIN_TURNING, RotationFit, turning
+from ruledgraph.initialization.rotation_fit import MIN_RATE_VARIATION, RotationFit, rate_variation
+from ruledgraph.initialization.time_offset_finder import fit_offset
 from ruledgraph_factors import ImuSamples
 
 # Pairs of images without which nothing can be said.
@@ -89,7 +89,7 @@ def check_mounting(
         None where there are too few pairs, or they turn too little.
     """
     offset = calibration.time_offset
-    if len(pairs.times) < _MIN_PAIRS or turning(pairs, samples, offset) < MIN_TURNING:
+    if len(pairs.times) < _MIN_PAIRS or rate_variation(pairs, samples, offset) < MIN_RATE_VARIATION:
         return None
     found = fit_offset(pairs, samples, calibration, bias_sigma)
     if found is not None:

@@ -9,12 +9,12 @@ from scipy.special import bdtrc
 
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.initialization.clock_offset import RANGE
 from ruledgraph.initialization.image_rotation import PointPairs
 from ruledgraph.initialization.rotation_fit import RotationFit
+from ruledgraph.initialization.time_offset_finder import RANGE
 from ruledgraph_factors import ImuSamples
 
-# Readouts that are compared, s: up to the frame interval of 20 Hz. Clock offsets likewise.
+# Readouts that are compared, s: up to the frame interval of 20 Hz. Time offsets likewise.
 _READOUT_STEP = 0.01
 _READOUTS = np.arange(0.0, 0.05 + 1e-9, _READOUT_STEP)
 _OFFSET_STEP = 0.01
@@ -62,14 +62,14 @@ def estimated_readout(
 ) -> ReadoutEstimate | None:
     """The readout with which images and gyroscope turn alike best, of a parabola through costs.
 
-    A clock offset would move all rows alike: for each readout the best one is found, too.
+    A time offset would move all rows alike: for each readout the best one is found, too.
 
     Args:
         pairs: of images, with times of the calibration's middle rows, covered by `samples`.
         samples: of the gyroscope.
         calibration: whose readout is compared.
         bias_sigma: standard deviation of the gyroscope's bias, rad/s.
-        offset: the clock offset, about, s; it is looked for if it is not known.
+        offset: the time offset, about, s; it is looked for if it is not known.
 
     Returns:
         None where the motion does not show it.
@@ -112,7 +112,7 @@ def estimated_readout(
 def _likeliest_offset(
     pairs: PointPairs, samples: ImuSamples, calibration: Calibration, bias_sigma: float
 ) -> float:
-    """The clock offset with the calibration's readout, of a grid, s."""
+    """The time offset with the calibration's readout, of a grid, s."""
     fit = RotationFit(pairs, samples, calibration, bias_sigma)
     offsets = calibration.time_offset + np.arange(-RANGE, RANGE + 1e-9, _OFFSET_STEP)
     return float(offsets[np.argmin(fit.profile(offsets).sum(axis=1))])

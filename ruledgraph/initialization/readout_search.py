@@ -9,9 +9,9 @@ import numpy as np
 from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.core.messages import Messages
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.initialization.clock_offset import ClockOffsetFinder, covered
 from ruledgraph.initialization.readout import ReadoutEstimate, estimated_readout
-from ruledgraph.initialization.rotation_fit import MIN_TURNING, turning
+from ruledgraph.initialization.rotation_fit import MIN_RATE_VARIATION, rate_variation
+from ruledgraph.initialization.time_offset_finder import TimeOffsetFinder, covered
 
 # Standard deviations.
 _SIGNIFICANT = 3.0
@@ -46,7 +46,7 @@ class ReadoutSearch:
     def __init__(self, mounting: CameraMounting, bias_sigma: float, warnings: Messages) -> None:
         self.found: Readout | None = None
         """None where none was found."""
-        self.finder: ClockOffsetFinder | None = None
+        self.finder: TimeOffsetFinder | None = None
         """To be handed each image; None when no more are needed."""
         self._mounting = mounting
         self._bias_sigma = bias_sigma
@@ -58,7 +58,7 @@ class ReadoutSearch:
 
     def _begin(self) -> None:
         """With new images."""
-        finder = ClockOffsetFinder(self._mounting.calibration, self._bias_sigma)
+        finder = TimeOffsetFinder(self._mounting.calibration, self._bias_sigma)
         self.finder = finder
         self._next_look = _MIN_PAIRS if self._mean is None else finder.max_pairs
 
@@ -78,7 +78,7 @@ class ReadoutSearch:
         if 2 * len(pairs.times) < self._next_look:
             return
         are_all = finder.count == finder.max_pairs
-        if are_all and turning(pairs, samples, as_global.time_offset) < MIN_TURNING:
+        if are_all and rate_variation(pairs, samples, as_global.time_offset) < MIN_RATE_VARIATION:
             self._begin()
             return
         look = estimated_readout(pairs, samples, as_global, self._bias_sigma, offset)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The rotations of a camera by the gyroscope, fitted to those of its images.
 
-Least squares in the clock offset, the gyroscope's bias and the mounting; see `clock_offset`.
+Least squares in the time offset, the gyroscope's bias and the mounting; see `time_offset_finder`.
 """
 
 import cv2
@@ -21,8 +21,8 @@ from ruledgraph_factors import ImuSamples
 
 PARAMETERS = 7
 """Of the offset (s), the bias (rad/s) and the mounting (rad)."""
-MIN_TURNING = 0.05
-"""`turning` without which nothing can be said, rad/s."""
+MIN_RATE_VARIATION = 0.05
+"""`rate_variation` without which nothing can be said, rad/s."""
 # Of the derivative by the offset, s.
 _DIFFERENCE = 0.004
 # Standard deviation of a calibrated mounting's rotation, per axis, rad.
@@ -40,7 +40,7 @@ def body_rotations(pairs: PointPairs, samples: ImuSamples, offset: float) -> Flo
     return np.asarray(ends[1] - ends[0])
 
 
-def turning(pairs: PointPairs, samples: ImuSamples, offset: float) -> float:
+def rate_variation(pairs: PointPairs, samples: ImuSamples, offset: float) -> float:
     """How much the gyroscope's rate changes from pair to pair, root mean square, rad/s."""
     rates = body_rotations(pairs, samples, offset) / np.diff(pairs.times, axis=1)
     return float(np.sqrt(np.sum(np.var(rates, axis=0))))

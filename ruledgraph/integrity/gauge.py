@@ -95,7 +95,7 @@ def continued(
         + np.eye(3) * (0.5 * config.gap_acceleration * gap**2) ** 2
     )
     up = attitude.T @ UP
-    yaw_variance = float(up @ of_pose[:3, :3] @ up) + (config.gap_turn_rate * gap) ** 2
+    yaw_variance = float(up @ of_pose[:3, :3] @ up) + (config.gap_rotation_rate * gap) ** 2
     return start.moved(gtsam.Pose3(rotation, translation)), GaugeUncertainty(
         position_covariance, yaw_variance, position
     )

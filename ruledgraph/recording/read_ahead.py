@@ -24,7 +24,7 @@ class _End:
     error: BaseException | None
 
 
-def ahead(
+def read_ahead(
     items: Iterable[T], prepare: Callable[[T], object], most: int
 ) -> Generator[T, None, None]:
     """The same items in the same order, taken and prepared by a thread.

@@ -51,7 +51,7 @@ def recorded_camera(recording: Recording) -> tuple[CameraModel, gtsam.Pose3]:
     info_name = camera_info_topic(image.name)
     info = _first(recording, _named(recording, info_name, CAMERA_INFO))
     rectified = is_rectified(image.name)
-    if rectified and _is_turned(info.R if hasattr(info, "R") else info.r):
+    if rectified and _is_rotated(info.R if hasattr(info, "R") else info.r):
         raise RecordingError(
             f"{info_name}: turns its images in rectifying them (R is not the identity), and the "
             "frame of the headers may be that of the camera; record the images as they were taken"
@@ -65,7 +65,7 @@ def recorded_camera(recording: Recording) -> tuple[CameraModel, gtsam.Pose3]:
     gyroscope, accelerometer = (
         _frame_of(topic.name, _first(recording, topic)) for topic in recording.imu_topics
     )
-    if _is_turned(tree.pose(accelerometer, gyroscope).rotation().matrix()):
+    if _is_rotated(tree.pose(accelerometer, gyroscope).rotation().matrix()):
         raise RecordingError(
             f"{STATIC_TRANSFORMS}: {_shown(gyroscope)} and {_shown(accelerometer)} are turned "
             "against each other; gyroscope and accelerometer must have the same axes"
@@ -124,7 +124,7 @@ def _pose(frame: str, transform: Any) -> gtsam.Pose3:
     return gtsam.Pose3(gtsam.Rot3.Quaternion(*(quaternion / np.linalg.norm(quaternion))), place)
 
 
-def _is_turned(rotation: ArrayLike) -> bool:
+def _is_rotated(rotation: ArrayLike) -> bool:
     """Whether it is not the identity; all zero in a CameraInfo says nothing."""
     R = np.reshape(np.asarray(rotation, dtype=np.float64), (3, 3))
     return bool(R.any() and not np.abs(R - np.eye(3)).max() <= _SAME)

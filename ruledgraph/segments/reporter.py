@@ -85,7 +85,7 @@ class EstimateReporter:
     def _out(self) -> Output:
         return self._output if self._held is None else self._held
 
-    def live(
+    def report_live(
         self,
         window: Window,
         frame: FrameTime,
@@ -125,7 +125,7 @@ class EstimateReporter:
         )
         return replace(estimate, status=rated)
 
-    def smoothed(
+    def report_smoothed(
         self,
         window: Window,
         intervals: Sequence[Interval],

@@ -60,7 +60,7 @@ class RestPhase:
         """Whether the body rests at the latest frame, whose state is the newest one."""
         return self.of_state and self.goes_on
 
-    def look(
+    def update(
         self,
         window: Window,
         time: float,

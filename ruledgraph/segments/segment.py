@@ -14,7 +14,7 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Status, blocks
 from ruledgraph.core.line_observations import LinePrediction
 from ruledgraph.imu.frame_history import TIME_TOLERANCE, FrameTime
-from ruledgraph.imu.propagation import ImuPropagator, turn_bound
+from ruledgraph.imu.propagation import ImuPropagator, rotation_bound
 from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState
 from ruledgraph.integrity.monitor import IntegrityMonitor
 from ruledgraph.segments.reporter import EstimateReporter
@@ -79,7 +79,7 @@ class TrajectorySegment:
             pending.append(frame)
             if self.is_state_due(frame.time) or frame is frames[-1]:
                 self.predict(frame.time)
-                self.look(frame.time)
+                self.update_rest(frame.time)
                 self._extend(pending)
                 pending = []
         if len(frames) > 1:
@@ -89,7 +89,8 @@ class TrajectorySegment:
         """Whether a frame at a time (s) gets a state."""
         elapsed = time - self.window.newest.time
         is_late = elapsed >= self._config.window.state_interval - TIME_TOLERANCE
-        return is_late or turn_bound(self._stages.sensors.imu, self.window.newest, time) > _MAX_TURN
+        rotated = rotation_bound(self._stages.sensors.imu, self.window.newest, time)
+        return is_late or rotated > _MAX_TURN
 
     @property
     def detection_interval(self) -> float:
@@ -135,9 +136,9 @@ class TrajectorySegment:
             self._optimize()
         return True
 
-    def look(self, time: float, last: bool = False) -> None:
+    def update_rest(self, time: float, last: bool = False) -> None:
         """Whether the body rests at a frame, or at the last one, at a time, s."""
-        self.rest_phase.look(self.window, time, self.state, self.body_T_cam, last)
+        self.rest_phase.update(self.window, time, self.state, self.body_T_cam, last)
 
     def _extend(self, frames: Sequence[FrameTime], observe_lines: bool = True) -> None:
         still = self.rest_phase.begin_state()
@@ -150,7 +151,7 @@ class TrajectorySegment:
 
     def _optimize(self) -> None:
         window, clock = self.window, self._stages.clock
-        self._reporter.smoothed(window, window.optimize(), clock.offset)
+        self._reporter.report_smoothed(window, window.optimize(), clock.offset)
         self._reporter.lines(window.line_map.take_retired())
         self._stages.front_end.reject(window.line_map.take_rejected())
         self.monitor.update(window, self.rest_phase.of_state, self.rest_phase.stayed_at)
@@ -185,7 +186,7 @@ class TrajectorySegment:
         self.state, covariances = self.rest_phase.estimate(window, self.state, by_imu)
         pose, velocity = self.state.pose(), self.state.velocity()
         status = self._status(frame.time, lines)
-        estimate = self._reporter.live(
+        estimate = self._reporter.report_live(
             window, frame, self.state, covariances, status, lines, offset
         )
         if self.confirmed and not self.monitor.lines_misfit:  # else it may be lost since then
@@ -214,13 +215,13 @@ class TrajectorySegment:
         left = self._stages.sensors.frames.after(window.newest.time)
         if window.is_plausible():
             if left:
-                self.look(left[-1].time, last=True)
+                self.update_rest(left[-1].time, last=True)
                 self._extend(left)
             if window.intervals and window.newest.time > window.solved:
                 self._optimize()
             window.read_smoothed_covariances()
         left_over = list(window.intervals)
-        self._reporter.smoothed(window, left_over, self._stages.clock.offset, has_failed)
+        self._reporter.report_smoothed(window, left_over, self._stages.clock.offset, has_failed)
         self._reporter.lines([*window.line_map.take_retired(), *window.lines.values()])
         self._reporter.release(window, self.confirmed)
         self._stages.output.recoveries.extend(window.recoveries)

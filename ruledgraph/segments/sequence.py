@@ -9,8 +9,8 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Status
 from ruledgraph.core.measurements import Gap
 from ruledgraph.imu.frame_history import FrameTime
-from ruledgraph.imu.propagation import turned_half_way
-from ruledgraph.initialization.clock_search import ClockSearch
+from ruledgraph.imu.propagation import rotated_half_turn
+from ruledgraph.initialization.calibration_search import CalibrationSearch
 from ruledgraph.initialization.initializer import Initializer
 from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState, continued
 from ruledgraph.segments.segment import TrajectorySegment
@@ -29,12 +29,12 @@ class SegmentSequence:
         self.last_reliable: ReliableState | None = None
         """The last state whose lines fitted, where the next segment begins."""
         warnings = stages.output.warnings
-        self.clock_search = ClockSearch(stages.mounting, stages.clock, config, warnings)
+        self.calibration_search = CalibrationSearch(stages.mounting, stages.clock, config, warnings)
         """Searches for the time offset by the rotation seen in the images."""
         self.initializer = Initializer(
             stages.mounting,
             stages.clock,
-            self.clock_search,
+            self.calibration_search,
             stages.sensors,
             stages.front_end,
             stages.rest_detector,
@@ -66,7 +66,7 @@ class SegmentSequence:
 
     def try_start(self, now: FrameTime) -> None:
         """Begin a segment if what was seen so far allows it."""
-        if self.initializer.is_due(now.time) and self._search_clock(now.time):
+        if self.initializer.is_due(now.time) and self._search_calibration(now.time):
             return
         first = self.initializer.attempt(now)
         if first is None:
@@ -88,7 +88,7 @@ class SegmentSequence:
         if not self.current.confirmed:
             self._trial = Trial(start, now.time, self._config)
 
-    def settle(self, segment: TrajectorySegment, now: FrameTime) -> bool:
+    def decide(self, segment: TrajectorySegment, now: FrameTime) -> bool:
         """After a new state: accept a start on trial or discard it, end a segment that failed.
         Whether it goes on.
         """
@@ -107,7 +107,7 @@ class SegmentSequence:
             warnings.append(f"{failure} at {now.time:.2f} s: a new segment begins")
             self.end()
             return False
-        return not self._search_clock(now.time)
+        return not self._search_calibration(now.time)
 
     def begin_anew(self) -> None:
         """Forget what was seen, and a start that is on trial."""
@@ -126,7 +126,7 @@ class SegmentSequence:
         self._count -= 1
         self.initializer.wait_from(time)
 
-    def _search_clock(self, time: float) -> bool:
+    def _search_calibration(self, time: float) -> bool:
         """Begin anew with the offset, or the rotation of the camera, that the images show, if that
         is another one.
         """
@@ -136,8 +136,8 @@ class SegmentSequence:
         by_window = (
             segment is not None and segment.confirmed and not segment.monitor.is_contradicted
         )
-        found = self.clock_search.search(self._stages.sensors.imu, known, by_window)
-        if found is None and not self.clock_search.rotation_replaced:
+        found = self.calibration_search.search(self._stages.sensors.imu, known, by_window)
+        if found is None and not self.calibration_search.rotation_replaced:
             return False
         if self._trial is not None:
             self._discard_start(time, "images and gyroscope disagree with its calibration")
@@ -172,7 +172,7 @@ class SegmentSequence:
         since, newest = self._stages.sensors.frames.last.time, segment.window.newest.time
         if time - newest >= self._config.window.lag:
             why = f"no frame for {time - since:.2f} s from {since:.2f} s"
-        elif turned_half_way(self._stages.sensors.imu, segment.window.newest, time):
+        elif rotated_half_turn(self._stages.sensors.imu, segment.window.newest, time):
             why = f"more than half a turn between the frames at {since:.2f} and {time:.2f} s"
         else:
             return
@@ -197,7 +197,7 @@ class SegmentSequence:
         reason = "the last segment has ended" if self.current else self.initializer.refusal
         self.finish()
         self._forget_frames()
-        self.clock_search.restart()
+        self.calibration_search.restart()
         self.initializer.restart(reason)
 
     def _forget_frames(self) -> None:

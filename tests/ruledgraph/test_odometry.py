@@ -50,7 +50,7 @@ def test_a_plane_whose_images_turn_in_two_ways_keeps_the_windows_time_offset():
         scene="square", motion="linear-parallel-rot-y", rate=30.0, duration=3.5
     )
     odometry, live, _ = run(simulation.stream(), simulation.calibration)
-    assert abs(odometry.clock_search.found.value) > 0.02
+    assert abs(odometry.calibration_search.found.value) > 0.02
     assert not odometry.warnings
     assert len(live) > 90
     assert ate(live, simulation) < 0.005

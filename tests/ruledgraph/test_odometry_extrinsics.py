@@ -61,7 +61,7 @@ def test_exchanged_axes_are_reported_and_replaced_on_request():
     assert error < 0.02
 
 
-def test_exchanged_axes_are_found_where_the_clock_offset_is_exact():
+def test_exchanged_axes_are_found_where_the_time_offset_is_exact():
     true = small_stream(moving=True, duration=DURATION)[1].body_T_cam
     exchanged = true.compose(gtsam.Pose3(gtsam.Rot3(np.eye(3)[[1, 2, 0]]), np.zeros(3)))
     settings = "extrinsics.from_images=true", "time_offset.estimate=false"

@@ -14,7 +14,7 @@ from ruledgraph.core.config import ImuConfig
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Measurement
-from ruledgraph.diagnostics.extrinsics_check import examine_turning
+from ruledgraph.diagnostics.extrinsics_check import check_rotation
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.propagation import state_before
 from ruledgraph.segments.rows import motion_about
@@ -140,7 +140,7 @@ def test_info_notices_another_readout_than_the_calibrations() -> None:
 
     def told(readout: float, given: float) -> list[float]:
         simulation, stream = recorded(readout, False)
-        findings = examine_turning(stream, simulation.calibration.with_readout(given))
+        findings = check_rotation(stream, simulation.calibration.with_readout(given))
         texts = [
             re.search(r"rows read within (\d+) ± \d+ ms", finding.text) for finding in findings
         ]
@@ -161,9 +161,9 @@ def test_a_readout_of_which_the_calibration_says_nothing(readout: float) -> None
     unknown = replace(simulation.calibration, line_delay=None)
     odometry, live, _ = run(stream, unknown)
     ignoring, plain, _ = run(stream, unknown.with_readout(0.0))
-    found = odometry.clock_search.readout.found
+    found = odometry.calibration_search.readout.found
     told = [w for w in map(str, odometry.warnings) if "rolling shutter: readout" in w]
-    assert ignoring.clock_search.readout.found is None
+    assert ignoring.calibration_search.readout.found is None
     if not readout:
         assert found is None
         assert not told

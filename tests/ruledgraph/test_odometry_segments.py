@@ -12,7 +12,7 @@ from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Gap, ImuSample
 from ruledgraph.core.settings import load_config
 from ruledgraph.imu.synchronizer import Synchronizer
-from ruledgraph.initialization.clock_search import ClockSearch
+from ruledgraph.initialization.calibration_search import CalibrationSearch
 from ruledgraph.integrity.gauge import yaw_alignment
 from ruledgraph.odometry import Odometry
 from ruledgraph.segments.trial import Trial
@@ -116,7 +116,7 @@ def test_another_rotation_of_the_camera_begins_anew(monkeypatch, on_trial):
     """A window holds to the one that it began with."""
     stream, calibration = small_stream(moving=on_trial)
     odometry, begun = Odometry(calibration), []
-    search = ClockSearch.search
+    search = CalibrationSearch.search
 
     def replaces_once(self, *known):
         found = search(self, *known)
@@ -125,7 +125,7 @@ def test_another_rotation_of_the_camera_begins_anew(monkeypatch, on_trial):
             self.rotation_replaced = True
         return found
 
-    monkeypatch.setattr(ClockSearch, "search", replaces_once)
+    monkeypatch.setattr(CalibrationSearch, "search", replaces_once)
     live = []
     for measurement in stream:
         odometry.add(measurement)

@@ -65,7 +65,7 @@ def test_the_truth_of_an_unknown_readout_is_that_of_the_middle_rows():
     assert np.abs(moved - own.positions).max() > 1e-3
 
 
-def test_stamps_of_frames_and_truth_move_by_the_clock_offset():
+def test_stamps_of_frames_and_truth_move_by_the_time_offset():
     good, late = (simulated(small(offset_ms=ms)) for ms in (0.0, -60.0))
     stamps = [[f.stamp for f in s.stream() if isinstance(f, Frame)] for s in (good, late)]
     assert len(stamps[0]) == 15
@@ -140,13 +140,13 @@ def test_figures_of_a_summary_with_the_truth():
 
 
 def test_the_report_counts_how_often_the_truth_is_within_three_sigma():
-    defect = Defect("offset_ms", "clock offset, ms", (0, 20))
+    defect = Defect("offset_ms", "time offset, ms", (0, 20))
     chosen = cases([defect], 2, 8.0)
     results = {case.key: made(error=0.5 if case.seed else 1.0) for case in chosen}
     lines = report([defect], 2, 8.0, results).splitlines()
     assert len(lines) == 2 + 4 + 1 + 2
-    assert lines[2].startswith(f"| {REST} | clock offset, ms | 0 | 90 | 10 | 2.0 (2.0 to 2.0) |")
-    assert lines[-2] == "clock offset, ms, its own rows: 4 of 8 runs within 3 sigma"
+    assert lines[2].startswith(f"| {REST} | time offset, ms | 0 | 90 | 10 | 2.0 (2.0 to 2.0) |")
+    assert lines[-2] == "time offset, ms, its own rows: 4 of 8 runs within 3 sigma"
 
 
 def test_all_rows_count_each_run_with_a_pose_once():
@@ -154,11 +154,11 @@ def test_all_rows_count_each_run_with_a_pose_once():
     chosen = cases([OFFSET, rate], 1, 8.0)
     results = {case.key: made(frames=0.9 if case.variation.rate == 30 else 0.0) for case in chosen}
     lines = report([OFFSET, rate], 1, 8.0, results).splitlines()
-    assert lines[-2] == "clock offset, ms, its own rows: 10 of 10 runs within 3 sigma"
-    assert lines[-1] == "clock offset, ms, all rows: 10 of 10 runs within 3 sigma"
+    assert lines[-2] == "time offset, ms, its own rows: 10 of 10 runs within 3 sigma"
+    assert lines[-1] == "time offset, ms, all rows: 10 of 10 runs within 3 sigma"
 
 
-def test_a_recording_with_a_clock_offset_and_a_turned_camera():
+def test_a_recording_with_a_time_offset_and_a_turned_camera():
     variation = Variation(offset_ms=20.0, turned_deg=2.0, size="320x240")
     result = result_of(Case(MOVING, 0, variation, 3.0))
     assert result.frames > 0.3

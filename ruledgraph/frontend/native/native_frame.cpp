@@ -195,7 +195,7 @@ nb::tuple predict_all(Rows<double, -1, 6> plucker, Rows<double, -1, 6, 4> by_del
   return nb::make_tuple(std::move(found_ends), std::move(found_sigmas));
 }
 
-Table<4> turn_all(Rows<double, -1, 2, 2> ends, const Eigen::Matrix3d& cam_R_before,
+Table<4> rotate_all(Rows<double, -1, 2, 2> ends, const Eigen::Matrix3d& cam_R_before,
                   Rows<double, -1, 2> moved) {
   const std::size_t count = ends.shape(0);
   require(moved.shape(0) == count, "ends and moved differ in length");
@@ -246,6 +246,6 @@ NB_MODULE(_native_frame, module) {
              nb::arg("covariances"), nb::arg("seen"), nb::arg("floors"), nb::arg("world_T_before"),
              nb::arg("world_T_cam"), nb::arg("ends"), nb::arg("sigmas"), nb::arg("focal"),
              nb::arg("max_sigma"), nb::arg("nearest"));
-  module.def("turn_all", &turn_all, nb::arg("ends"), nb::arg("cam_R_before"), nb::arg("moved"));
+  module.def("rotate_all", &rotate_all, nb::arg("ends"), nb::arg("cam_R_before"), nb::arg("moved"));
   module.def("clip_all", &clip_all, nb::arg("ends"), nb::arg("low"), nb::arg("high"));
 }

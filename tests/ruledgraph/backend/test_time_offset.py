@@ -200,8 +200,11 @@ def test_an_offset_of_60_ms_is_found_before_the_start():
     """Further off than the window could see; within three sigmas, and the poses are good."""
     odometry, live = run(*shifted(60, moving=True), Config())
     value, sigma = odometry.time_offset
-    assert odometry.clock_search.used
-    assert abs(odometry.clock_search.found.value + 0.060) < 3.0 * odometry.clock_search.found.sigma
+    assert odometry.calibration_search.used
+    assert (
+        abs(odometry.calibration_search.found.value + 0.060)
+        < 3.0 * odometry.calibration_search.found.sigma
+    )
     assert abs(value + 0.060) < 3.0 * sigma
     assert ate(live, 60, moving=True) < 0.02
     assert {e.segment for e in live} == {0}
@@ -213,4 +216,4 @@ def test_an_exact_offset_is_not_estimated():
     odometry, live = run(measurements[: len(measurements) // 2], exact, ON)
     assert live
     assert odometry.time_offset == TimeOffset(-0.010, 0.0)
-    assert odometry.clock_search.found is None
+    assert odometry.calibration_search.found is None

@@ -9,22 +9,22 @@ import numpy as np
 import pytest
 
 from ruledgraph.core.measurements import ImuSample
-from ruledgraph.diagnostics.extrinsics_check import examine_turning
+from ruledgraph.diagnostics.extrinsics_check import check_rotation
 from small_simulation import small_stream
 
 
-def turning(stream, calibration):
-    return list(examine_turning(stream[: len(stream) // 2], calibration))
+def findings(stream, calibration):
+    return list(check_rotation(stream[: len(stream) // 2], calibration))
 
 
 def test_images_turn_as_the_gyroscope_says():
     stream, calibration = small_stream(moving=True)
-    (finding,) = turning(stream, calibration)
+    (finding,) = findings(stream, calibration)
     assert finding.good, finding
     still = [
         m._replace(gyroscope=0.0 * m.gyroscope) if isinstance(m, ImuSample) else m for m in stream
     ]
-    assert turning(still, calibration) == []
+    assert findings(still, calibration) == []
 
 
 def test_images_that_turn_otherwise_than_the_gyroscope_says_are_found():
@@ -34,7 +34,7 @@ def test_images_that_turn_otherwise_than_the_gyroscope_says_are_found():
         m._replace(gyroscope=np.degrees(m.gyroscope)) if isinstance(m, ImuSample) else m
         for m in stream
     ]
-    finding = turning(in_degrees, calibration)[0]
+    finding = findings(in_degrees, calibration)[0]
     assert not finding.good
     assert " px" in finding.text
 
@@ -45,7 +45,7 @@ def test_a_mounting_the_wrong_way_round_is_found(axis):
     pose = calibration.body_T_cam
     turn = gtsam.Rot3.Expmap(0.5 * np.pi * np.eye(3)[axis])
     wrong = gtsam.Pose3(pose.rotation() * turn, pose.translation())
-    (finding,) = turning(stream, dataclasses.replace(calibration, body_T_cam=wrong))
+    (finding,) = findings(stream, dataclasses.replace(calibration, body_T_cam=wrong))
     assert not finding.good
     right = pose.rotation().matrix().T.round(4).tolist()
     assert f"with the rotation {right} (--set extrinsics.from_images" in finding.text
@@ -55,7 +55,7 @@ def test_a_mounting_the_wrong_way_round_is_found(axis):
 def test_a_wrong_time_offset_is_found(offset):
     stream, calibration = small_stream(moving=True)
     late = dataclasses.replace(calibration, time_offset=offset)
-    good, bad_one = examine_turning(stream, late)
+    good, bad_one = check_rotation(stream, late)
     assert good.good
     assert not bad_one.good
     said = f"the calibration says {1e3 * offset:.0f} ms; write timeshift_cam_imu: "

@@ -17,10 +17,10 @@ from ruledgraph.core.line_observations import Sighting
 from ruledgraph.frontend.edge_batch import Edges, Rulings
 from ruledgraph.frontend.rolling_edges import (
     RowMoves,
+    correct_last_sighting,
     estimated_moves,
     keep_unsettled,
     measured_moves,
-    settle,
     straight_edges,
 )
 from ruledgraph.frontend.row_motion import MovingRulings, RowMotion
@@ -186,7 +186,7 @@ def test_a_track_measures_its_own_motion_and_settles_the_sighting_before() -> No
         edges = edges_of(image, a, 0.0)
         if track.sightings:
             known = measured_moves([track], edges, known, time, FOCAL)
-            settle(track, known.moves[0], 20.0)
+            correct_last_sighting(track, known.moves[0], 20.0)
         moving = known.along(Rulings(predicted[None], np.ones((1, 2)), np.ones(1)))
         edges, points = straight_edges(edges, moving, 0.5)
         keep_unsettled([track], points, moving)

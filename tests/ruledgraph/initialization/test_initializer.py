@@ -14,7 +14,7 @@ from ruledgraph.imu.camera_clock import CameraClock
 from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.imu.synchronizer import Synchronizer
 from ruledgraph.initialization import initializer as module
-from ruledgraph.initialization.clock_search import ClockSearch
+from ruledgraph.initialization.calibration_search import CalibrationSearch
 from ruledgraph.initialization.initializer import FirstFrames, Initializer
 from ruledgraph.initialization.prior import Refusal
 from ruledgraph.integrity.rest import RestDetector
@@ -40,9 +40,9 @@ class Run:
         mounting = CameraMounting(CALIBRATION, config, self.output.warnings)
         warnings, given = self.output.warnings, CALIBRATION.time_offset
         clock = CameraClock(self.sensors, given, config.time_offset, warnings)
-        clock_search = ClockSearch(mounting, clock, config, warnings)
+        calibration_search = CalibrationSearch(mounting, clock, config, warnings)
         self.initializer = Initializer(
-            mounting, clock, clock_search, self.sensors, front_end, rest, config, warnings
+            mounting, clock, calibration_search, self.sensors, front_end, rest, config, warnings
         )
         both = zip(made.stamps, made.times.tolist(), strict=True)
         self._frames = [FrameTime(stamp, time) for stamp, time in both]
@@ -86,14 +86,14 @@ def test_a_start_begins_at_the_first_frame_of_its_window(moving):
     assert found[0].frames[0].time == pytest.approx(found[0].start.time)
 
 
-def test_a_start_whose_clock_offset_is_doubted_waits(moving, monkeypatch):
+def test_a_start_whose_time_offset_is_doubted_waits(moving, monkeypatch):
     run, offsets = Run(moving, image_motion=5.0), []
 
     def contradicts_known(_search, offset):
         offsets.append(offset)
         return len(offsets) == 1
 
-    monkeypatch.setattr(ClockSearch, "contradicts_known", contradicts_known)
+    monkeypatch.setattr(CalibrationSearch, "contradicts_known", contradicts_known)
     run.sensors.offset_correction = 0.02
     found = [(time, f) for time, f in run.attempts(1.5) if f is not None]
     assert found[0][0] == pytest.approx(1.15)  # at the second attempt

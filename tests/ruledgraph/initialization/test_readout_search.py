@@ -54,7 +54,7 @@ def searched(
     looks, warnings = Looks(found), Messages()
     calibration = replace(D435I, line_delay=None)
     mounting = CameraMounting(calibration, DEFAULTS, warnings)
-    monkeypatch.setattr(readout_search, "ClockOffsetFinder", lambda *_: looks)
+    monkeypatch.setattr(readout_search, "TimeOffsetFinder", lambda *_: looks)
     monkeypatch.setattr(readout_search, "estimated_readout", looks.look)
     search = ReadoutSearch(mounting, 0.1, warnings)
     imu = ImuBuffer()

@@ -68,7 +68,7 @@ def test_the_last_velocity_covariance_grows_into_the_position_over_a_gap():
     R, of_pose = pose.rotation().matrix(), np.diag([1e-6] * 3 + [1e-4, 4e-4, 9e-4])
     of_velocity = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.01]])
     last = ReliableState(10.0, pose, np.zeros(3), (of_pose, of_velocity, np.eye(6)))
-    certain = IntegrityConfig(gap_acceleration=0.0, gap_turn_rate=0.0)
+    certain = IntegrityConfig(gap_acceleration=0.0, gap_rotation_rate=0.0)
     _, gauge = continued(start_at(gtsam.Pose3(), 12.0), last, certain)
     np.testing.assert_allclose(
         gauge.position_covariance, R @ of_pose[3:, 3:] @ R.T + 4.0 * of_velocity

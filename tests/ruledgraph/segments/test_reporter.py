@@ -49,7 +49,7 @@ def test_across_a_jump_of_the_biases_poses_are_as_good_as_they_say():
     output, config = Output(), Config()
     monitor = IntegrityMonitor(GaugeUncertainty(), Messages(), config)
     reporter = EstimateReporter(output, 0, monitor, felt, 0.0, config.lines, hold=False)
-    reporter.smoothed(window, list(window.intervals), NO_OFFSET)
+    reporter.report_smoothed(window, list(window.intervals), NO_OFFSET)
     found = output.take_smoothed()
     last = window.intervals[-1].stamps[-1]
     assert [e.stamp for e in found] == [s for s in made.stamps if s <= last]

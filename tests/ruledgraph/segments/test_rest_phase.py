@@ -54,7 +54,7 @@ def phase(
 ) -> RestPhase:
     made = RestPhase(shown, 400.0, CONFIG)
     made.of_state = of_state
-    made.look(WINDOW, time, state, NO_ROTATION)
+    made.update(WINDOW, time, state, NO_ROTATION)
     return made
 
 
@@ -86,13 +86,13 @@ def test_lines_decide_what_was_open(how, moved):
     made = phase(shown, state=NODE.state)
     assert made.goes_on
     shown.imu_rests = False
-    made.look(WINDOW, 1.2, MOVED, NO_ROTATION)
+    made.update(WINDOW, 1.2, MOVED, NO_ROTATION)
     assert made.is_undecided
     assert not made.goes_on
     shown.moved = np.full(len(LINES), moved)
     shown.imu_rests = how == "IMU at rest again"
     time = NODE.time + (LONGEST + 0.1 if how == "too long" else 0.5)
-    made.look(WINDOW, time, MOVED, NO_ROTATION, last=how == "last frame")
+    made.update(WINDOW, time, MOVED, NO_ROTATION, last=how == "last frame")
     assert not made.is_undecided
     assert made.goes_on == (moved < 0.1)
     assert made.begin_state() == made.goes_on
@@ -119,7 +119,7 @@ def test_it_is_decided_before_the_window_is_over():
     for after, undecided in ((0.29, True), (0.31, False)):
         made = RestPhase(Shown(image_rests=True, imu_rests=False), 400.0, short)
         made.of_state = True
-        made.look(WINDOW, NODE.time + after, MOVED, NO_ROTATION)
+        made.update(WINDOW, NODE.time + after, MOVED, NO_ROTATION)
         assert made.is_undecided == undecided
 
 
@@ -164,12 +164,12 @@ def test_where_lines_deny_a_motion_by_the_imu_covariances_hold_for_a_rest_too():
     assert np.allclose(covariances[0], PROPAGATED[0] + np.outer(x, x))
 
     shown.moved = np.full(len(LINES), 0.3)
-    made.look(WINDOW, 1.2, MOVED, NO_ROTATION)
+    made.update(WINDOW, 1.2, MOVED, NO_ROTATION)
     assert made.stayed_at is None
     shown.moved = np.full(len(LINES), 0.02)
-    made.look(WINDOW, 1.3, MOVED, NO_ROTATION)
+    made.update(WINDOW, 1.3, MOVED, NO_ROTATION)
     assert made.stayed_at is NODE.state
-    made.look(WINDOW, 1.4, NODE.state, NO_ROTATION)
+    made.update(WINDOW, 1.4, NODE.state, NO_ROTATION)
     assert made.stayed_at is None
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""The clock offset from how images turn: points of a made-up scene, seen by a shaken camera."""
+"""The time offset from how images turn: points of a made-up scene, seen by a shaken camera."""
 
 import dataclasses
 import itertools
@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from ruledgraph.calibration.sensors import Calibration
-from ruledgraph.initialization.clock_offset import ClockOffsetFinder, covered, fit_offset
 from ruledgraph.initialization.image_rotation import PointPairs
 from ruledgraph.initialization.mounting_check import check_mounting
 from ruledgraph.initialization.row_delays import at_middle_row
+from ruledgraph.initialization.time_offset_finder import TimeOffsetFinder, covered, fit_offset
 from ruledgraph.simulation import D435I
 from ruledgraph_factors import ImuSamples
 
@@ -144,7 +144,7 @@ def test_an_imu_with_left_handed_axes_is_seen(axes):
 
 
 def test_too_few_images_tell_nothing():
-    finder = ClockOffsetFinder(D435I, BIAS_SIGMA)
+    finder = TimeOffsetFinder(D435I, BIAS_SIGMA)
     _, samples = shaken(0, 0.0)
     rng = np.random.default_rng(0)
     size = D435I.camera.height, D435I.camera.width

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""The clock offset between camera and IMU, from how images turn and what the gyroscope says.
+"""The time offset between camera and IMU, from how images turn and what the gyroscope says.
 
 An image stamped t was taken at t + tau on the IMU's clock, a rolling shutter's middle row half the
 readout later; its rays are turned by the gyroscope to that time first. Between the images of a pair
@@ -47,7 +47,7 @@ _BEYOND, _BEATEN = 6.0, 30.0
 _UNMODELLED = 5e-3
 
 
-class ClockOffset(NamedTuple):
+class FoundTimeOffset(NamedTuple):
     """What was found."""
 
     value: float
@@ -60,7 +60,7 @@ class ClockOffset(NamedTuple):
     """phi: the mounting is body_R_cam Exp(phi), (3,), rad."""
 
 
-class ClockOffsetFinder:
+class TimeOffsetFinder:
     """Is handed images as they come, and finds the offset from those of the last seconds.
 
     Args:
@@ -103,7 +103,7 @@ class ClockOffsetFinder:
         times = np.array(self._times).reshape(-1, 2)
         return PointPairs(times, rays[:, 0], rays[:, 1])
 
-    def find(self, samples: ImuSamples) -> ClockOffset | None:
+    def find(self, samples: ImuSamples) -> FoundTimeOffset | None:
         """The offset by the pairs whose gyroscope's samples are there over the whole range.
 
         None where there are too few, or the motion does not show it.
@@ -123,8 +123,8 @@ def covered(pairs: PointPairs, samples: ImuSamples, offset: float) -> PointPairs
 
 def fit_offset(
     pairs: PointPairs, samples: ImuSamples, calibration: Calibration, bias_sigma: float
-) -> ClockOffset | None:
-    """The offset by all of these pairs; see `ClockOffsetFinder`."""
+) -> FoundTimeOffset | None:
+    """The offset by all of these pairs; see `TimeOffsetFinder`."""
     fit = RotationFit(pairs, samples, calibration, bias_sigma)
     steps = round(RANGE / _STEP)
     coarse = np.array([calibration.time_offset + _STEP * i for i in range(-steps, steps + 1)])
@@ -146,4 +146,4 @@ def fit_offset(
         return None
     x = found.solution()
     sigma = float(np.hypot(sigma, _UNMODELLED))
-    return ClockOffset(offset, sigma, x[1:4], x[4:])
+    return FoundTimeOffset(offset, sigma, x[1:4], x[4:])

@@ -1,6 +1,7 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""When clock offset, mounting and readout are looked for in a stream, and what is done with them.
+"""Time offset, mounting and readout by the rotation of the images: when they are looked for in a
+stream, and what is done with them.
 
 From the first images of a segment on until it is found: before the start, and where that was at
 rest in the first second that turns. It is used where it differs significantly from what was known.
@@ -15,22 +16,22 @@ from ruledgraph.core.messages import Messages
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.camera_clock import CameraClock
-from ruledgraph.initialization.clock_offset import ClockOffset, ClockOffsetFinder, covered
 from ruledgraph.initialization.mounting_check import check_mounting
 from ruledgraph.initialization.readout_search import ReadoutSearch
+from ruledgraph.initialization.time_offset_finder import FoundTimeOffset, TimeOffsetFinder, covered
 from ruledgraph_factors import ImuSamples
 
 # Standard deviations.
 _SIGNIFICANT = 3.0
 
 
-class ClockSearch:
-    """Looks for the clock offset until the images of a segment have shown it."""
+class CalibrationSearch:
+    """Looks for time offset, mounting and readout until the images of a segment have shown them."""
 
     def __init__(
         self, mounting: CameraMounting, clock: CameraClock, config: Config, warnings: Messages
     ) -> None:
-        self.found: ClockOffset | None = None
+        self.found: FoundTimeOffset | None = None
         """The last one, whether used or not."""
         self.used = False
         """Whether frames were timed with one that was found."""
@@ -42,7 +43,7 @@ class ClockSearch:
         self._clock = clock
         self._config = config
         self._warnings = warnings
-        self._finder: ClockOffsetFinder | None = None
+        self._finder: TimeOffsetFinder | None = None
         self._checked = False
         self._latest = -np.inf
         self._begun = np.inf
@@ -55,7 +56,7 @@ class ClockSearch:
         self._begun = np.inf
         if self._config.time_offset.estimate or not self._checked:
             bias_sigma = self._config.start.gyroscope_bias
-            self._finder = ClockOffsetFinder(self._mounting.calibration, bias_sigma)
+            self._finder = TimeOffsetFinder(self._mounting.calibration, bias_sigma)
 
     def add_image(self, time: float, image: NDArray[np.uint8]) -> None:
         """The next image, with its stamp in s; one that was there before tells nothing new."""
@@ -120,7 +121,7 @@ class ClockSearch:
         )
         return TimeOffset(found.value, found.sigma)
 
-    def _check_mounting(self, finder: ClockOffsetFinder, samples: ImuSamples) -> None:
+    def _check_mounting(self, finder: TimeOffsetFinder, samples: ImuSamples) -> None:
         """Once, when the images do not turn as the gyroscope says."""
         if self._checked or finder.count < finder.max_pairs:
             return

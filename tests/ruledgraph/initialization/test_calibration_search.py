@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which of two clock offsets stands: the one that images turn by, or the one known before."""
+"""Which of two time offsets stands: the one that images turn by, or the one known before."""
 
 import numpy as np
 import pytest
@@ -12,18 +12,18 @@ from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.camera_clock import CameraClock
 from ruledgraph.imu.synchronizer import Synchronizer
-from ruledgraph.initialization.clock_offset import ClockOffset, ClockOffsetFinder
-from ruledgraph.initialization.clock_search import ClockSearch
+from ruledgraph.initialization.calibration_search import CalibrationSearch
+from ruledgraph.initialization.time_offset_finder import FoundTimeOffset, TimeOffsetFinder
 from ruledgraph.simulation import D435I
 
-FOUND = ClockOffset(0.044, 0.008, np.zeros(3), np.zeros(3))
+FOUND = FoundTimeOffset(0.044, 0.008, np.zeros(3), np.zeros(3))
 
 
-def search_and_clock(warnings: Messages) -> tuple[ClockSearch, CameraClock]:
+def search_and_clock(warnings: Messages) -> tuple[CalibrationSearch, CameraClock]:
     config, sensors = Config(), Synchronizer(D435I, warnings)
     clock = CameraClock(sensors, D435I.time_offset, config.time_offset, warnings)
     mounting = CameraMounting(D435I, config, warnings)
-    return ClockSearch(mounting, clock, config, warnings), clock
+    return CalibrationSearch(mounting, clock, config, warnings), clock
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,7 @@ def search_and_clock(warnings: Messages) -> tuple[ClockSearch, CameraClock]:
     ],
 )
 def test_what_the_images_say_is_used(known, by_window, used, monkeypatch):
-    monkeypatch.setattr(ClockOffsetFinder, "find", lambda _self, _samples: FOUND)
+    monkeypatch.setattr(TimeOffsetFinder, "find", lambda _self, _samples: FOUND)
     imu, warnings = ImuBuffer(), Messages()
     for time in (0.0, 0.005):
         imu.append(time, np.full(3, time), np.array([0.0, 0.0, 9.81]))
@@ -59,7 +59,7 @@ def test_what_the_images_say_is_used(known, by_window, used, monkeypatch):
 def test_images_that_are_processed_anew_tell_nothing_new(monkeypatch):
     """Neither do they to a search that has begun again since."""
     added: list[float] = []
-    monkeypatch.setattr(ClockOffsetFinder, "add_image", lambda _self, time, _: added.append(time))
+    monkeypatch.setattr(TimeOffsetFinder, "add_image", lambda _self, time, _: added.append(time))
     search, _ = search_and_clock(Messages())
     image = np.zeros((2, 2), np.uint8)
     for time in (0.0, 0.1):
@@ -90,6 +90,6 @@ def test_an_offset_far_from_what_is_known_is_doubted_while_images_may_show_it(mo
     search.restart()
     search.add_image(3.7, image)
     assert search.contradicts_known(0.1)
-    monkeypatch.setattr(ClockOffsetFinder, "find", lambda _self, _samples: FOUND)
+    monkeypatch.setattr(TimeOffsetFinder, "find", lambda _self, _samples: FOUND)
     search.search(imu, clock.offset, False)
     assert not search.contradicts_known(0.1)
