@@ -177,7 +177,7 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
     for velocity, covariance in velocities:
         if reason := _why_unknown(velocity, covariance, start):
             return Refusal(reason)
-    if any(_is_rival(other, batch, velocities[0][1], start.confidence) for other in best[1:]):
+    if any(_is_rival(other, batch, start.confidence) for other in best[1:]):
         return Refusal("two different motions explain the lines equally well")
     lines = {}
     for seen, line, fit in zip(window.seen, batch.lines(), fits, strict=True):
@@ -225,10 +225,25 @@ def _why_unknown(velocity: FloatArray, covariance: FloatArray, start: StartConfi
     return ""
 
 
-def _is_rival(other: Batch, best: Batch, covariance: FloatArray, confidence: float) -> bool:
-    """Whether another velocity, beyond the best one's covariance, fits no worse than by chance."""
-    own, others = (batch.pose.rotation().unrotate(batch.velocity) for batch in (best, other))
-    apart = best.pose.rotation().rotate(others - own)
-    limit = float(chdtri(len(apart), 1.0 - confidence))
-    differs = float(apart @ np.linalg.solve(covariance, apart)) > limit
-    return differs and 2.0 * (other.error - best.error) < limit
+def _is_rival(other: Batch, best: Batch, confidence: float) -> bool:
+    """Whether another velocity fits no worse than by chance.
+
+    It is another one where it is beyond the covariance of either: the wider one may hold two
+    minima, and no step leads from the wrong one to the other.
+    """
+    limit = float(chdtri(3, 1.0 - confidence))
+    if 2.0 * (other.error - best.error) >= limit:
+        return False
+    try:
+        found = [_velocity_in_body(batch) for batch in (best, other)]
+    except np.linalg.LinAlgError:
+        return True  # it may be any
+    apart = found[1][0] - found[0][0]
+    return any(float(apart @ np.linalg.solve(covariance, apart)) > limit for _, covariance in found)
+
+
+def _velocity_in_body(batch: Batch) -> tuple[FloatArray, FloatArray]:
+    """At the window's start, (3,), with its covariance, (3, 3)."""
+    world_R_body = batch.pose.rotation().matrix()
+    velocity, covariance = batch.velocities()[0]
+    return world_R_body.T @ velocity, world_R_body.T @ covariance @ world_R_body

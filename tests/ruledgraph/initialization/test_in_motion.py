@@ -193,11 +193,18 @@ def test_one_line_is_refused_with_the_reason():
 
 
 class Rival:
-    """Of a batch, with another velocity and a larger error."""
+    """Of a batch, with another velocity, m/s, of this deviation, and a larger error."""
 
-    def __init__(self, best: Batch, velocity: np.ndarray, worse: float) -> None:
+    def __init__(
+        self, best: Batch, velocity: np.ndarray, worse: float, sigma: float = 0.01
+    ) -> None:
         self.pose, self.velocity, self.error = best.pose, best.velocity + velocity, np.inf
-        self._best, self._worse = best, worse
+        self._best, self._worse, self._sigma = best, worse, sigma
+
+    def velocities(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        if np.isinf(self._sigma):
+            raise np.linalg.LinAlgError
+        return [(self.velocity, self._sigma**2 * np.eye(3))]
 
     def solved_again(self, window: FirstWindow, cauchy_px: float) -> "Rival":
         self.error = self._best.solved_again(window, cauchy_px).error + self._worse
@@ -205,15 +212,34 @@ class Rival:
 
 
 @pytest.mark.parametrize(
-    ("velocity", "worse", "is_accepted"),
-    [(1.0, 0.0, False), (1.0, 1e3, True), (0.0, 0.0, True)],
-    ids=["another motion", "one that fits worse", "the same motion"],
+    ("deviations", "worse", "sigma", "is_accepted"),
+    [
+        (30.0, 0.0, 1e3, False),
+        (30.0, 1e3, 1e3, True),
+        (0.0, 0.0, 1.0, True),
+        (2.0, 0.0, 1.0, True),
+        (2.0, 0.0, 0.1, False),
+        (0.0, 0.0, np.inf, False),
+        (0.0, 1e3, np.inf, True),
+    ],
+    ids=[
+        "another motion",
+        "one that fits worse",
+        "the same motion",
+        "one that both allow",
+        "one that only the best allows",
+        "any motion",
+        "any motion, which fits worse",
+    ],
 )
 def test_a_start_is_refused_when_another_motion_fits_as_well(
-    monkeypatch, made_and_solved, velocity, worse, is_accepted
+    monkeypatch, made_and_solved, deviations, worse, sigma, is_accepted
 ):
+    """A velocity so many of the best one's deviations away, known to so many of these."""
     made, (best, *_) = made_and_solved
-    rival = Rival(best, velocity * np.eye(3)[0], worse)
+    variances, axes = np.linalg.eigh(best.velocities()[0][1])
+    own = np.sqrt(variances[-1])
+    rival = Rival(best, deviations * own * axes[:, -1], worse, sigma * own)
     # The second best has come to the same motion: that does not hide another one behind it.
     found = [best, Rival(best, np.zeros(3), 0.1), rival]
     monkeypatch.setattr(ruledgraph.initialization.in_motion, "solved", lambda _: found)
