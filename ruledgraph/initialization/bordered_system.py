@@ -8,6 +8,7 @@ import numpy as np
 
 from ruledgraph.core.arrays import FloatArray
 
+# Of the diagonal that is damped, as in GTSAM's Levenberg-Marquardt.
 _MIN, _MAX = 1e-6, 1e32
 
 
