@@ -90,6 +90,9 @@ def _print_version(context: click.Context, _option: click.Parameter, wanted: boo
 )
 def main() -> None:
     """Line-based visual-inertial odometry as a GTSAM backend."""
+    # Before numpy is loaded. For matrices so small more threads save no time, and they change the
+    # rounding, so that results would depend on the number of cores.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 # In the order of a workflow, which `--help` keeps.

@@ -127,6 +127,34 @@ except SystemExit:
     assert result.stderr.splitlines()[-1] == ""
 
 
+@pytest.mark.parametrize(("given", "used"), [(None, "1"), ("4", "4")])
+def test_linear_algebra_has_one_thread_unless_more_are_asked_for(
+    given: str | None, used: str
+) -> None:
+    """Results do not depend on the number of cores: numpy reads the variable when it is loaded."""
+    code = """
+import os, sys, ruledgraph.app.cli
+early = "numpy" in sys.modules
+sys.argv = ["ruledgraph", "settings", "window"]
+try:
+    ruledgraph.app.cli.main()
+except SystemExit:
+    print(early, os.environ["OPENBLAS_NUM_THREADS"])
+"""
+    environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+    if given is not None:
+        environment["OPENBLAS_NUM_THREADS"] = given
+    result = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+        env=environment,
+    )
+    assert result.stdout.splitlines()[-1] == f"False {used}"
+
+
 def test_everything_the_package_offers_is_there_when_asked_for() -> None:
     for name in ruledgraph.__all__:
         assert getattr(ruledgraph, name) is not None
