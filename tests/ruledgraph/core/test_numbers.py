@@ -9,7 +9,7 @@ import ruledgraph
 from ruledgraph.core.config import Config
 
 ROOT = Path(ruledgraph.__file__).parent
-STAGES = ("frontend", "backend", "integrity", "imu")
+STAGES = ("frontend", "backend", "integrity", "imu", "initialization", "segments")
 
 NUMERICS = "guards against dividing by nothing"
 MEMORY = "bounds memory or work"
@@ -73,6 +73,69 @@ ALLOWED = {
     "integrity/unmoved_lines.py": {"_NOISE": "how well lines of real images are found"},
     "imu/rest.py": {"_MIN_READINGS": "two readings, less their mean, have no integral"},
     "imu/synchronizer.py": {"_UNRELATED": "chooses the words of a warning"},
+    "initialization/batch.py": {"_BETTER": "a chi-square of two: more than rounding"},
+    "initialization/bordered_system.py": dict.fromkeys(("_MIN", "_MAX"), NUMERICS),
+    "initialization/calibration_search.py": {"_SIGNIFICANT": "three standard deviations"},
+    "initialization/image_rotation.py": {
+        "POINT_SIGMA": "where to begin: the noise is found from what is left over",
+        "_CAUCHY": "an efficiency of 95 % for Gaussian noise",
+        "_MEDIAN": "the median of a Gaussian's absolute value",
+        "_EPIPOLE": NUMERICS,
+        "_POINTS": MEMORY,
+        "_MIN_POINTS": "four times the unknowns of a pair",
+        "_RETURNS": "a point that comes back elsewhere was not followed",
+    },
+    "initialization/in_motion.py": {
+        "_MAX_FRAMES": MEMORY,
+        "_SEEN_SHARE": MEMORY,
+        "_MIN_SIGHTINGS": "fewer say less than a line's four coordinates",
+        "_DISTANCES": "where hypotheses begin, a factor of three apart",
+        **dict.fromkeys(("_WIDE", "_NARROW", "_BETWEEN"), "on the way to the smoother's own loss"),
+        "_MIN_LINES": "along a single line no motion is seen",
+        "_STATE_DOF": "counts unknowns",
+    },
+    "initialization/initial_values.py": dict.fromkeys(
+        ("_NEAR", "_FAR", "_BETWEEN"), "where lines begin that the closed form does not place"
+    ),
+    "initialization/levenberg_marquardt.py": dict.fromkeys(
+        ("_FIRST_DAMPING", "_FACTOR", "_MAX_DAMPING", "_MIN_FIDELITY", "_TOLERANCE"),
+        "belongs to the method: GTSAM's",
+    ),
+    "initialization/mounting_check.py": {
+        "_MIN_PAIRS": "400 points, whose median is known to 6 %",
+        "_BETTER": "far beyond what two such medians differ by",
+        "_USUAL_ERROR": "what good calibrations leave, doubled",
+    },
+    "initialization/prior.py": {"_GAUGE": NUMERICS},
+    "initialization/readout.py": {
+        "_READOUT_STEP": "of a grid, between whose points the minimum is interpolated",
+        "_OFFSET_STEP": "of a grid, between whose points the minimum is interpolated",
+        "_UNMODELLED": "what the model leaves out, measured",
+        "_BETTER": "a chi-square that no chance gives",
+        "_CONFIDENCE": "of a test",
+    },
+    "initialization/readout_search.py": {
+        "_SIGNIFICANT": "three standard deviations",
+        "_ENOUGH": "half a pixel of a hand's rotation",
+        "_MIN_PAIRS": "the fewest of which a sign test says enough",
+    },
+    "initialization/rotation_fit.py": {
+        "PARAMETERS": "counts unknowns",
+        "MIN_RATE_VARIATION": "far above the noise of a rate of rotation by images",
+        "_DIFFERENCE": "of a numerical derivative",
+        "_STEPS": MEMORY,
+    },
+    "initialization/time_offset_finder.py": {
+        "RANGE": "of the search",
+        **dict.fromkeys(
+            ("_STEP", "_FINE"), "of a grid, between whose points the minimum is interpolated"
+        ),
+        **dict.fromkeys(("_APART", "_TOO_FAR"), "chooses pairs of images"),
+        "_MIN_FREE": "fewer say nothing of a variance",
+        **dict.fromkeys(("_BEYOND", "_BEATEN"), "a chi-square that no chance gives"),
+        "_UNMODELLED": "what the model leaves out: stamps scatter, rows are read in turn",
+    },
+    "segments/rows.py": {"_ROWS": "a grid about as fine as the IMU's samples"},
 }
 
 
