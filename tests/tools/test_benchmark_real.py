@@ -112,13 +112,13 @@ def test_a_kept_run_is_evaluated_beside_the_peers(data, tmp_path):
 
 
 def test_a_new_run_has_default_settings_and_is_kept(data, tmp_path, monkeypatch):
-    def fake(measurements, calibration, config, output, *, ground_truth):
-        assert calibration.camera.width == 320
+    def fake(given, config, output):
+        assert given.calibration.camera.width == 320
         assert config == Config()
-        assert sum(hasattr(m, "image") for m in measurements) > 100
+        assert sum(hasattr(m, "image") for m in given.measurements) > 100
         output.mkdir()
         for file in OURS.values():
-            ground_truth.trajectory.write_tum(output / file)
+            given.ground_truth.trajectory.write_tum(output / file)
 
     monkeypatch.setattr(benchmark_real, "run", fake)
     result = call("--data", data, "--keep", tmp_path / "kept")

@@ -196,7 +196,7 @@ nb::tuple predict_all(Rows<double, -1, 6> plucker, Rows<double, -1, 6, 4> by_del
 }
 
 Table<4> rotate_all(Rows<double, -1, 2, 2> ends, const Eigen::Matrix3d& cam_R_before,
-                  Rows<double, -1, 2> moved) {
+                    Rows<double, -1, 2> moved) {
   const std::size_t count = ends.shape(0);
   require(moved.shape(0) == count, "ends and moved differ in length");
   Table<4> found(count, 4);

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 import ruledgraph.recording.read_ahead as ahead_module
-from ruledgraph.recording.read_ahead import ahead
+from ruledgraph.recording.read_ahead import read_ahead
 
 
 def test_everything_comes_prepared_in_order_from_one_other_thread():
@@ -21,7 +21,7 @@ def test_everything_comes_prepared_in_order_from_one_other_thread():
             threads.add(threading.current_thread())
             yield i
 
-    assert list(ahead(items(), prepared.append, 4)) == list(range(200))
+    assert list(read_ahead(items(), prepared.append, 4)) == list(range(200))
     assert prepared == list(range(200))
     assert len(threads) == 1
     assert threading.current_thread() not in threads
@@ -37,7 +37,7 @@ def test_what_it_reads_from_is_closed_where_it_was_read():
             closed.append(threading.current_thread())
 
     for stop in (3, 200):
-        for i in ahead(items(), lambda _: None, 4):
+        for i in read_ahead(items(), lambda _: None, 4):
             if i == stop:
                 break
     assert len(set(closed)) == 2
@@ -54,7 +54,7 @@ def test_it_is_never_further_ahead_than_allowed(most):
             yield i
 
     furthest = 0
-    for used, _ in enumerate(ahead(items(), lambda _: None, most)):
+    for used, _ in enumerate(read_ahead(items(), lambda _: None, most)):
         if used % 50 == 10:
             time.sleep(0.05)  # for the thread to go as far as it may
         furthest = max(furthest, len(taken) - (used + 1))
@@ -63,7 +63,7 @@ def test_it_is_never_further_ahead_than_allowed(most):
 
 @pytest.mark.parametrize("count", [0, 7, 64, 1007])
 def test_whole_batches_and_the_rest(count):
-    assert list(ahead(range(count), lambda _: None, 64)) == list(range(count))
+    assert list(read_ahead(range(count), lambda _: None, 64)) == list(range(count))
 
 
 @pytest.mark.parametrize("most", [4, 64])
@@ -72,12 +72,12 @@ def test_an_error_comes_after_the_items_before_it(most):
         yield from range(21)
         raise ValueError("broken")
 
-    reading = ahead(items(), lambda _: None, most)
+    reading = read_ahead(items(), lambda _: None, most)
     assert [next(reading) for _ in range(21)] == list(range(21))
     with pytest.raises(ValueError, match="broken"):
         next(reading)
     with pytest.raises(ZeroDivisionError):
-        list(ahead([0], lambda x: 1 // x, most))
+        list(read_ahead([0], lambda x: 1 // x, most))
 
 
 def test_a_reader_that_is_stuck_is_not_waited_for_long(monkeypatch):
@@ -89,7 +89,7 @@ def test_a_reader_that_is_stuck_is_not_waited_for_long(monkeypatch):
         go_on.wait(10.0)
         yield 2
 
-    reading = ahead(items(), lambda _: None, 1)
+    reading = read_ahead(items(), lambda _: None, 1)
     assert next(reading) == 1
     reading.close()
     (thread,) = [thread for thread in threading.enumerate() if thread.name == "ahead"]
@@ -107,7 +107,7 @@ def test_interrupts_leave_nothing_locked():
     was = signal.signal(signal.SIGALRM, interrupt)
     try:
         for i in range(60):
-            reading = ahead(iter(range(10**6)), lambda _: None, 8)
+            reading = read_ahead(iter(range(10**6)), lambda _: None, 8)
             try:
                 signal.setitimer(signal.ITIMER_REAL, 0.001 + 1e-4 * i)
                 with contextlib.closing(reading):
@@ -130,7 +130,7 @@ def test_interrupts_leave_nothing_locked():
 def test_the_thread_ends_when_nobody_wants_more():
     before = threading.active_count()
     for most in (4, 64):
-        for item in ahead(iter(range(10**9)), lambda _: None, most):
+        for item in read_ahead(iter(range(10**9)), lambda _: None, most):
             if item == 10:
                 break
         assert threading.active_count() == before
