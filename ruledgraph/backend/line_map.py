@@ -84,7 +84,7 @@ class LineMap:
             elif not waits and self._is_mature(track, now):
                 try:
                     entered = self._builder.new_line(
-                        track, intervals, now, update, rests, distance, self.weights.of_new_line
+                        track, intervals, now, update, rests, distance, self.weights.new_line_weight
                     )
                 except ImpossibleLineError:
                     self._rejected.add(track.id)

@@ -82,7 +82,7 @@ class LineWeights:
         """s^2."""
 
     @property
-    def of_new_line(self) -> float:
+    def new_line_weight(self) -> float:
         """The weight of a line that was not seen yet."""
         return 1.0 / self.edge_variance
 

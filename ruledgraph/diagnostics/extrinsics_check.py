@@ -32,7 +32,7 @@ def check_rotation(
 
     Args:
         measurements: a stretch of a recording; the first of it that suffices is used.
-        calibration: to judge.
+        calibration: that is checked.
         start: what is known of the gyroscope's bias.
     """
     origin: int | None = None

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from statistics import NormalDist
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -177,7 +178,8 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
     for velocity, covariance in velocities:
         if reason := _why_unknown(velocity, covariance, start):
             return Refusal(reason)
-    if any(_is_rival(other, batch, start.confidence) for other in best[1:]):
+    own = _in_body(batch, *velocities[0])
+    if any(_is_rival(other, batch, own, start.confidence) for other in best[1:]):
         return Refusal("two different motions explain the lines equally well")
     lines = {}
     for seen, line, fit in zip(window.seen, batch.lines(), fits, strict=True):
@@ -225,8 +227,22 @@ def _why_unknown(velocity: FloatArray, covariance: FloatArray, start: StartConfi
     return ""
 
 
-def _is_rival(other: Batch, best: Batch, confidence: float) -> bool:
-    """Whether another velocity fits no worse than by chance.
+class _BodyVelocity(NamedTuple):
+    """In the body's axes, at a window's start."""
+
+    mean: FloatArray
+    """(3,), m/s."""
+    covariance: FloatArray
+    """(3, 3)."""
+
+
+def _in_body(batch: Batch, velocity: FloatArray, covariance: FloatArray) -> _BodyVelocity:
+    world_R_body = batch.pose.rotation().matrix()
+    return _BodyVelocity(world_R_body.T @ velocity, world_R_body.T @ covariance @ world_R_body)
+
+
+def _is_rival(other: Batch, best: Batch, own: _BodyVelocity, confidence: float) -> bool:
+    """Whether another velocity than the best one's (`own`) fits no worse than by chance.
 
     It is another one where it is beyond the covariance of either: the wider one may hold two
     minima, and no step leads from the wrong one to the other.
@@ -235,15 +251,10 @@ def _is_rival(other: Batch, best: Batch, confidence: float) -> bool:
     if 2.0 * (other.error - best.error) >= limit:
         return False
     try:
-        found = [_velocity_in_body(batch) for batch in (best, other)]
+        its = _in_body(other, *other.velocities()[0])
     except np.linalg.LinAlgError:
         return True  # it may be any
-    apart = found[1][0] - found[0][0]
-    return any(float(apart @ np.linalg.solve(covariance, apart)) > limit for _, covariance in found)
-
-
-def _velocity_in_body(batch: Batch) -> tuple[FloatArray, FloatArray]:
-    """At the window's start, (3,), with its covariance, (3, 3)."""
-    world_R_body = batch.pose.rotation().matrix()
-    velocity, covariance = batch.velocities()[0]
-    return world_R_body.T @ velocity, world_R_body.T @ covariance @ world_R_body
+    apart = its.mean - own.mean
+    return any(
+        float(apart @ np.linalg.solve(each.covariance, apart)) > limit for each in (own, its)
+    )
