@@ -21,7 +21,7 @@ from ruledgraph.segments.prediction import predicted
 from ruledgraph.segments.rows import row_motion
 from ruledgraph.segments.segment import TrajectorySegment
 from ruledgraph.segments.sequence import SegmentSequence
-from ruledgraph.segments.stages import Stages
+from ruledgraph.stages import Stages
 
 # Measurements are kept this much longer than the window and the longest time without a solution,
 # s: more than a late frame needs.

@@ -18,6 +18,7 @@ LAYERS = (
     ("odometry",),
     ("segments",),
     ("initialization",),
+    ("stages",),
     ("integrity",),
     ("backend", "evaluation"),
     ("frontend", "imu", "recording"),
@@ -142,9 +143,11 @@ def test_rooms_of_one_layer_do_not_import_each_other() -> None:
     ]
 
 
-def test_the_root_holds_rooms_and_the_odometry() -> None:
+def test_the_root_holds_rooms_and_the_odometry_with_its_stages() -> None:
     files = {path.name for path in root_folder().iterdir() if path.is_file()}
-    assert files - {"GUIDE.md"} == {"__init__.py", "__main__.py", "odometry.py", "py.typed"}
+    modules = {name for name in files if name.endswith(".py")}
+    assert modules == {"__init__.py", "__main__.py", "odometry.py", "stages.py"}
+    assert files - modules == {"GUIDE.md", "py.typed"}
 
 
 def source_files() -> list[Path]:

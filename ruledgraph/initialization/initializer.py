@@ -7,18 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ruledgraph.backend.start import Start
-from ruledgraph.calibration.camera_mounting import CameraMounting
 from ruledgraph.core.config import Config
-from ruledgraph.core.messages import Messages
-from ruledgraph.frontend.front_end import FrontEnd
-from ruledgraph.imu.camera_clock import CameraClock
 from ruledgraph.imu.frame_history import TIME_TOLERANCE, FrameTime
-from ruledgraph.imu.synchronizer import Synchronizer
 from ruledgraph.initialization.at_rest import start_at_rest
 from ruledgraph.initialization.calibration_search import CalibrationSearch
 from ruledgraph.initialization.in_motion import start_in_motion
 from ruledgraph.initialization.prior import Refusal
-from ruledgraph.integrity.rest import RestDetector
+from ruledgraph.stages import Stages
 
 
 class FirstFrames(NamedTuple):
@@ -32,35 +27,18 @@ class Initializer:
     """Tries to begin a trajectory segment from what was seen so far, at rest or in motion.
 
     Args:
-        mounting: with the calibration of camera and IMU.
-        clock: of the camera.
+        stages: with the IMU samples, the times of the frames and the line tracks.
         calibration_search: of the time offset, by the rotation seen in the images.
-        sensors: the IMU samples and the times of the frames.
-        front_end: with the line tracks.
-        rest_detector: detects whether the body is at rest.
         config: all settings.
-        warnings: where to say why an attempt failed.
     """
 
     def __init__(
-        self,
-        mounting: CameraMounting,
-        clock: CameraClock,
-        calibration_search: CalibrationSearch,
-        sensors: Synchronizer,
-        front_end: FrontEnd,
-        rest_detector: RestDetector,
-        config: Config,
-        warnings: Messages,
+        self, stages: Stages, calibration_search: CalibrationSearch, config: Config
     ) -> None:
-        self._mounting = mounting
-        self._clock = clock
+        self._stages = stages
         self._calibration_search = calibration_search
-        self._sensors = sensors
-        self._front_end = front_end
-        self._rest_detector = rest_detector
         self._config = config
-        self._warnings = warnings
+        self._warnings = stages.output.warnings
         self._last_attempt = -np.inf
         self._retimed = False
         self.refusal = ""
@@ -82,9 +60,8 @@ class Initializer:
         """A start at the latest frame, if what was seen allows one; says why if it does not."""
         if not self.is_due(now.time):
             return None
-        found = (
-            self._at_rest(now) if self._rest_detector.is_still(now.time) else self._in_motion(now)
-        )
+        is_still = self._stages.rest_detector.is_still(now.time)
+        found = self._at_rest(now) if is_still else self._in_motion(now)
         if found is None:
             return None
         if isinstance(found, Start):
@@ -101,14 +78,15 @@ class Initializer:
             self._retimed = True
             return None
         self.refusal = ""
-        frames = [frame for frame in self._sensors.frames if frame.stamp >= found.stamp]
+        frames = [frame for frame in self._stages.sensors.frames if frame.stamp >= found.stamp]
         return FirstFrames(found, frames)
 
     def _with_checked_offset(self, start: Start) -> Start | Refusal:
         """A start, unless images may show that its time offset is another one."""
         if start.time_offset is None:
             return start
-        offset = self._mounting.calibration.time_offset + self._sensors.offset_correction
+        mounting, sensors = self._stages.mounting, self._stages.sensors
+        offset = mounting.calibration.time_offset + sensors.offset_correction
         offset += start.time_offset.value
         if not self._calibration_search.contradicts_known(offset):
             return start
@@ -119,15 +97,17 @@ class Initializer:
 
     def _at_rest(self, now: FrameTime) -> Start | Refusal:
         self._last_attempt = now.time
-        since, prior = now.time - self._config.rest.duration, self._clock.start_prior
-        return start_at_rest(self._sensors.imu, now.stamp, since, now.time, self._config, prior)
+        since, prior = now.time - self._config.rest.duration, self._stages.clock.start_prior
+        imu = self._stages.sensors.imu
+        return start_at_rest(imu, now.stamp, since, now.time, self._config, prior)
 
     def _in_motion(self, now: FrameTime) -> Start | Refusal | None:
         """Over the longest window that there is, which has the most information, or else over the
         shortest, in which the fewest tracks were lost.
         """
         longest = min(self._config.start.longest, self._config.window.lag)
-        imu, frames = self._sensors.imu, self._sensors.frames
+        stages = self._stages
+        imu, frames = stages.sensors.imu, stages.sensors.frames
         available = now.time - frames.first.time
         shortest = min(self._config.start.shortest, longest)
         if available < shortest - TIME_TOLERANCE:
@@ -143,11 +123,11 @@ class Initializer:
             found = start_in_motion(
                 imu,
                 used,
-                self._front_end.observed(),
-                self._mounting.calibration,
+                stages.front_end.observed(),
+                stages.mounting.calibration,
                 self._config,
-                self._clock.start_prior,
-                self._mounting.ratio,
+                stages.clock.start_prior,
+                stages.mounting.ratio,
             )
             if isinstance(found, Start):
                 return found
@@ -160,5 +140,5 @@ class Initializer:
     def retime(self, change: float) -> None:
         """Move all frames in time, s, and try again with the next one."""
         self._last_attempt = -np.inf
-        self._sensors.retime(change)
-        self._front_end.retime(change)
+        self._stages.sensors.retime(change)
+        self._stages.front_end.retime(change)

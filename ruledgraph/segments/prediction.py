@@ -7,7 +7,7 @@ from ruledgraph.frontend.ruling_prediction import CameraMotion
 from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.imu.propagation import rotation_between
 from ruledgraph.segments.segment import TrajectorySegment
-from ruledgraph.segments.stages import Stages
+from ruledgraph.stages import Stages
 
 
 def predicted(

@@ -14,7 +14,7 @@ from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.imu.propagation import state_before
 from ruledgraph.segments.prediction import focal_ratio
 from ruledgraph.segments.segment import TrajectorySegment
-from ruledgraph.segments.stages import Stages
+from ruledgraph.stages import Stages
 from ruledgraph_factors import preintegrate_frames
 
 # Of the grid of rows, the middle one among them. Of a readout of 30 ms they are 4 ms apart, about

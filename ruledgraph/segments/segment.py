@@ -9,7 +9,6 @@ import numpy as np
 
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.start import Start
-from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Status, blocks
 from ruledgraph.core.line_observations import LinePrediction
@@ -19,7 +18,7 @@ from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState
 from ruledgraph.integrity.monitor import IntegrityMonitor
 from ruledgraph.segments.reporter import EstimateReporter
 from ruledgraph.segments.rest_phase import RestPhase
-from ruledgraph.segments.stages import Stages
+from ruledgraph.stages import Stages
 
 # rad; a frame gets a state when the body has turned by so much: half of what could be integrated.
 _MAX_TURN = 0.5 * np.pi
@@ -30,22 +29,18 @@ class TrajectorySegment:
 
     Args:
         number: counts from 0.
-        calibration: of camera and IMU.
         config: all settings.
         stages: before and after it.
-        start: where it begins.
-        frames: that the start was made of.
+        start: where it begins; call `begin` with its frames.
         gauge_uncertainty: of its position and yaw at the start.
     """
 
     def __init__(
         self,
         number: int,
-        calibration: Calibration,
         config: Config,
         stages: Stages,
         start: Start,
-        frames: Sequence[FrameTime],
         gauge_uncertainty: GaugeUncertainty,
     ) -> None:
         self._config = config
@@ -53,6 +48,7 @@ class TrajectorySegment:
         self.confirmed = not start.lines
         """Whether the start is accepted; one in motion is on trial first."""
         correction, known = stages.sensors.offset_correction, stages.mounting
+        calibration = known.calibration
         camera = known.extrinsics, known.focal_ratio
         self.window = Window(calibration, config, start, correction, *camera)
         warnings, on_trial = stages.output.warnings, not self.confirmed
@@ -73,6 +69,10 @@ class TrajectorySegment:
         self.last_reliable: ReliableState | None = None
         """Its last state whose lines fitted."""
         self.rest_phase = RestPhase(stages.rest_detector, calibration.camera.focal_length, config)
+        self._last_lines = self.window.newest.time
+
+    def begin(self, frames: Sequence[FrameTime]) -> None:
+        """Give states to the frames that the start was made of, its own first, and solve."""
         self._last_lines = frames[-1].time
         pending: list[FrameTime] = []
         for frame in frames[1:]:

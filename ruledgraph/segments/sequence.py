@@ -14,8 +14,8 @@ from ruledgraph.initialization.calibration_search import CalibrationSearch
 from ruledgraph.initialization.initializer import Initializer
 from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState, continued
 from ruledgraph.segments.segment import TrajectorySegment
-from ruledgraph.segments.stages import Stages
 from ruledgraph.segments.trial import Trial
+from ruledgraph.stages import Stages
 
 
 class SegmentSequence:
@@ -31,16 +31,7 @@ class SegmentSequence:
         warnings = stages.output.warnings
         self.calibration_search = CalibrationSearch(stages.mounting, stages.clock, config, warnings)
         """Searches for the time offset by the rotation seen in the images."""
-        self.initializer = Initializer(
-            stages.mounting,
-            stages.clock,
-            self.calibration_search,
-            stages.sensors,
-            stages.front_end,
-            stages.rest_detector,
-            config,
-            warnings,
-        )
+        self.initializer = Initializer(stages, self.calibration_search, config)
         self._calibration = calibration
         self._config = config
         self._stages = stages
@@ -75,14 +66,9 @@ class SegmentSequence:
         if self.last_reliable is not None:
             start, gauge_uncertainty = continued(start, self.last_reliable, self._config.integrity)
         self.current = TrajectorySegment(
-            self._count,
-            self._stages.mounting.calibration,
-            self._config,
-            self._stages,
-            start,
-            first.frames,
-            gauge_uncertainty,
+            self._count, self._config, self._stages, start, gauge_uncertainty
         )
+        self.current.begin(first.frames)
         self._count += 1
         self._trial = None
         if not self.current.confirmed:

@@ -18,6 +18,7 @@ from ruledgraph.initialization.calibration_search import CalibrationSearch
 from ruledgraph.initialization.initializer import FirstFrames, Initializer
 from ruledgraph.initialization.prior import Refusal
 from ruledgraph.integrity.rest import RestDetector
+from ruledgraph.stages import Stages
 from simulated_window import hand_held
 
 
@@ -41,9 +42,8 @@ class Run:
         warnings, given = self.output.warnings, CALIBRATION.time_offset
         clock = CameraClock(self.sensors, given, config.time_offset, warnings)
         calibration_search = CalibrationSearch(mounting, clock, config, warnings)
-        self.initializer = Initializer(
-            mounting, clock, calibration_search, self.sensors, front_end, rest, config, warnings
-        )
+        stages = Stages(self.sensors, front_end, rest, clock, mounting, self.output)
+        self.initializer = Initializer(stages, calibration_search, config)
         both = zip(made.stamps, made.times.tolist(), strict=True)
         self._frames = [FrameTime(stamp, time) for stamp, time in both]
 

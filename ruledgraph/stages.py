@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""The stages that process a frame before and after the graph, made once for all segments."""
+"""The stages that process a frame before and after the graph: made once, for all segments."""
 
 from typing import NamedTuple
 
