@@ -32,7 +32,9 @@ def predicted(
     world_T_cam = rest.held(segment.predict(now.time).pose(), window).compose(body_T_cam)
     R = world_T_cam.between(world_T_before).rotation().matrix()
     motion = CameraMotion(R, elapsed, world_T_before, world_T_cam, focal_ratio(stages, segment))
-    return Predicted(motion, segment.predicted_lines(now.time))
+    # Where the IMU was unreliable, tracks are predicted by their own motion in the image.
+    lines = {} if segment.is_motion_unreliable(now.time) else window.lines
+    return Predicted(motion, {id_: line.prediction() for id_, line in lines.items()})
 
 
 def focal_ratio(stages: Stages, segment: TrajectorySegment | None) -> float:

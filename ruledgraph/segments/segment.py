@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A trajectory segment: from a start until the end of the recording, a gap or a failure."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 
 import gtsam
 import numpy as np
@@ -11,7 +11,6 @@ from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.start import Start
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Status, blocks
-from ruledgraph.core.line_observations import LinePrediction
 from ruledgraph.imu.frame_history import TIME_TOLERANCE, FrameTime
 from ruledgraph.imu.propagation import ImuPropagator, rotation_bound
 from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState
@@ -109,13 +108,8 @@ class TrajectorySegment:
         extrinsics = self.window.self_calibration.extrinsics
         return (extrinsics or self._stages.mounting.calibration).body_T_cam
 
-    def predicted_lines(self, time: float) -> Mapping[int, LinePrediction]:
-        """The lines of the graph; none where the IMU was unreliable."""
-        lines = {} if self._is_motion_unreliable(time) else self.window.lines
-        return {id_: line.prediction() for id_, line in lines.items()}
-
-    def _is_motion_unreliable(self, time: float) -> bool:
-        """Whether the IMU was unreliable in the last interval or since."""
+    def is_motion_unreliable(self, time: float) -> bool:
+        """Whether the IMU was unreliable in the last interval or since, up to a time, s."""
         intervals, imu = self.window.intervals, self._stages.sensors.imu
         unreliable = bool(intervals) and not intervals[-1].is_reliable
         return unreliable or bool(imu.unreliable(self.window.newest.time, time))
@@ -199,7 +193,7 @@ class TrajectorySegment:
         if lines >= limits.min_lines:
             self._last_lines = time
         degraded = self._stages.sensors.imu.was_degraded(time)
-        if degraded or self.monitor.is_contradicted or self._is_motion_unreliable(time):
+        if degraded or self.monitor.is_contradicted or self.is_motion_unreliable(time):
             return "degraded"
         if self.rest_phase.is_held:
             return "still"
