@@ -40,7 +40,7 @@ def expect_motion(
     for track, (first, second), sigmas in zip(started, rates.tolist(), deviations, strict=True):
         track.rates = first, second
         sigma = float(np.hypot(config.min_sigma_px, elapsed * sigmas.max()))
-        track.sigma = min(sigma, config.max_predicted_sigma_px)
+        track.sigma = min(sigma, config.max_sigma_px)
 
 
 def expected_rates(

@@ -25,6 +25,8 @@ _THROUGH_CENTRE = 1e-9
 # A shorter direction is that of a line at infinity; the square of the sine of a line's angle with a
 # ray, below which they are parallel.
 _AT_INFINITY, _ALONG_RAY = 1e-6, 1e-4
+# s; frames are further apart.
+_MIN_ELAPSED = 1e-3
 
 
 class CameraMotion(NamedTuple):
@@ -49,7 +51,8 @@ def predict(
 ) -> Rulings:
     """Rulings of all tracks: by their line, if there is one in `lines`, else by the rotation.
 
-    `lines` go by the track's number; `focal` is the focal length, px.
+    Tracks of the former get the rates that their line's prediction means. `lines` go by the track's
+    number; `focal` is the focal length, px.
     """
     ratio = motion.focal_ratio
     rulings = by_rotation(tracks, motion.cam_R_before, motion.elapsed, focal, ratio)
@@ -57,7 +60,12 @@ def predict(
     own = [tracks[i] for i in at]
     known = [lines[track.number] for track in own]
     poses = motion.world_T_before, motion.world_T_cam
-    estimated = by_estimate(own, known, *poses, rulings.part(at), focal, config, ratio)
+    turned = by_rotation(own, motion.cam_R_before, 0.0, focal, ratio)
+    estimated = by_estimate(own, known, *poses, turned, focal, config, ratio)
+    moved = np.einsum("nei,ni->ne", estimated.ends - turned.ends, normal_of(turned.ends)) * focal
+    rates = (moved / max(motion.elapsed, _MIN_ELAPSED)).tolist()
+    for track, (first, second) in zip(own, rates, strict=True):
+        track.rates = first, second
     rulings.ends[at], rulings.sigmas[at] = estimated.ends, estimated.sigmas
     return rulings
 

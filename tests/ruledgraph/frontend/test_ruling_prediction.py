@@ -11,7 +11,8 @@ import pytest
 from ruledgraph.core.line_observations import LinePrediction
 from ruledgraph.frontend import kernel
 from ruledgraph.frontend.edge_batch import Rulings
-from ruledgraph.frontend.ruling_prediction import by_estimate, by_rotation
+from ruledgraph.frontend.edge_search import normal_of
+from ruledgraph.frontend.ruling_prediction import CameraMotion, by_estimate, by_rotation, predict
 from ruledgraph.frontend.track import Track
 from ruledgraph_factors import LineChart
 
@@ -135,6 +136,23 @@ def test_without_depth_a_track_moves_with_the_rotation_and_on_across_itself():
     np.testing.assert_allclose(turned.ends, rays[:, :2] / rays[:, 2:], atol=1e-12)
     assert turned.sigmas == pytest.approx((track.sigma, track.sigma))
     assert by_rotation([], turn, 0.1, FOCAL).ends.shape == (0, 2, 2)
+
+
+def test_the_rates_of_a_line_in_the_graph_are_those_that_its_estimate_means():
+    """From one frame to the next it moves on as `by_rotation` predicts with them."""
+    lines = [random_line(np.random.default_rng(seed))[0] for seed in range(20)]
+    tracks, known = [line.track for line in lines], {}
+    for number, line in enumerate(lines):
+        line.track.number, line.track.rates = number, (300.0, -200.0)  # of frames before
+        known[number] = line.prediction
+    R = NOW.between(BEFORE).rotation().matrix()
+    rulings = predict(tracks, known, CameraMotion(R, 0.05, BEFORE, NOW), FOCAL)
+    again = by_rotation(tracks, R, 0.05, FOCAL)
+    off = np.einsum("nei,ni->ne", rulings.ends - again.ends, normal_of(again.ends)) * FOCAL
+    moved = np.abs(0.05 * np.array([track.rates for track in tracks]))
+    # But for terms of the second order: ends move along the line, too, and that turns.
+    assert np.abs(off).max() < 0.2
+    assert moved.max() > 5.0
 
 
 @needs_native
