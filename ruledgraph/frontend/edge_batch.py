@@ -118,9 +118,11 @@ def moved_ends(ends: FloatArray, points: FloatArray, growth: float) -> FloatArra
     direction = np.array([np.cos(angle), np.sin(angle)])
     if direction @ (ends[1] - ends[0]) < 0.0:
         direction = -direction
-    predicted = (ends - middle) @ direction
-    # One stray point does not stretch it: the second and the last but one.
-    along = predicted + growth * (off[[1, -2]] @ direction - predicted)
+    predicted, places = (ends - middle) @ direction, off @ direction
+    # One stray point does not stretch it: a station beyond the second and the last but one.
+    station = max(float(np.min(np.diff(places))), 0.0)
+    outermost = places[[1, -2]] + np.array([-station, station])
+    along = predicted + growth * (outermost - predicted)
     return np.asarray(middle + along[:, None] * direction)
 
 

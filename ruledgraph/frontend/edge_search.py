@@ -126,7 +126,8 @@ def search(
     least = max(config.min_slope, config.min_slope_share * abs(ruling.slope))
     station, offset, height = _maxima(slopes, steps, least, config)
     position = along[station]
-    near = np.abs(offset) <= 3.0 * (sigma[0] + (sigma[1] - sigma[0]) * position) + 1.0
+    of_end = np.clip(position, 0.0, 1.0)  # beyond an end as at it
+    near = np.abs(offset) <= 3.0 * (sigma[0] + (sigma[1] - sigma[0]) * of_end) + 1.0
     station, offset, height, position = station[near], offset[near], height[near], position[near]
     if len(station) < fewest:
         return None

@@ -17,6 +17,7 @@
 
 #include "camera.hpp"
 #include "gradient.hpp"
+#include "moved_ends.hpp"
 
 namespace ruledgraph {
 
@@ -173,7 +174,9 @@ inline std::vector<Candidate> maxima(const GradientView& gradient, const Ruling&
       if (lowest < -stripe_share * at[0]) continue;
       const double middle = at[0], left = at[-1], right = at[1];
       const double offset = step + 0.5 * (left - right) / (left - 2.0 * middle + right);
-      const double sigma = sigma_first + (sigma_second - sigma_first) * station.along;
+      // Beyond an end as at it.
+      const double of_end = std::clamp(station.along, 0.0, 1.0);
+      const double sigma = sigma_first + (sigma_second - sigma_first) * of_end;
       if (std::abs(offset) <= 3.0 * sigma + 1.0) {
         found.push_back({i, station.along, offset, middle});
       }
@@ -259,35 +262,6 @@ inline std::vector<Candidate> inliers(const std::vector<Candidate>& candidates, 
   return chosen;
 }
 
-inline double dot(Point a, Point b) { return a.x * b.x + a.y * b.y; }
-
-/// The ruling's ends moved onto the line through the points, and towards the outermost ones; as
-/// `moved_ends` in Python.
-inline std::pair<Point, Point> moved_ends(const Ruling& ruling, const std::vector<Point>& points,
-                                          double growth) {
-  const auto count = static_cast<double>(points.size());
-  Point middle{0.0, 0.0};
-  for (const Point& point : points) middle = middle + point;
-  middle = {middle.x / count, middle.y / count};
-  double xx = 0.0, xy = 0.0, yy = 0.0;
-  for (const Point& point : points) {
-    const Point off = point - middle;
-    xx += off.x * off.x;
-    xy += off.x * off.y;
-    yy += off.y * off.y;
-  }
-  const double angle = 0.5 * std::atan2(2.0 * xy, xx - yy);
-  Point direction{std::cos(angle), std::sin(angle)};
-  if (dot(direction, ruling.second - ruling.first) < 0.0) direction = -1.0 * direction;
-  const auto moved = [&](Point end, Point outer) {
-    const double predicted = dot(end - middle, direction);
-    const double along = predicted + growth * (dot(outer - middle, direction) - predicted);
-    return middle + along * direction;
-  };
-  // One stray point does not stretch it: the second and the last but one.
-  return {moved(ruling.first, points[1]), moved(ruling.second, points[points.size() - 2])};
-}
-
 inline double median(std::vector<double> values) {
   std::sort(values.begin(), values.end());
   const std::size_t half = values.size() / 2;
@@ -328,7 +302,8 @@ inline std::optional<EdgePoints> search(const GradientView& gradient, const Came
   for (const Point& point : found.points) {
     if (!std::isfinite(point.x) || !std::isfinite(point.y)) return std::nullopt;
   }
-  std::tie(found.first, found.second) = moved_ends(ruling, found.points, settings.end_growth);
+  std::tie(found.first, found.second) =
+      moved_ends(ruling.first, ruling.second, found.points, settings.end_growth);
   found.line = fit_line(
       chosen, [](const Candidate& c) { return c.place; },
       [](const Candidate& c) { return c.offset; });

@@ -57,15 +57,27 @@ def test_a_part_is_what_is_found_of_a_part(both):
 
 def test_ends_go_onto_the_line_and_towards_its_outermost_points():
     # A line along x at y = 1, predicted slanted and too short; its outermost points are strays.
-    points = np.column_stack([np.linspace(0.0, 10.0, 11), np.ones(11)])
+    along = np.array([-5.0, *range(1, 10), 14.0])
+    points = np.column_stack([along, np.ones(11)])
     ends = np.array([[3.0, 1.2], [7.0, 0.7]])
-    expected = [[3.0 + 0.3 * (1.0 - 3.0), 1.0], [7.0 + 0.3 * (9.0 - 7.0), 1.0]]
+    expected = [[3.0 + 0.3 * (0.0 - 3.0), 1.0], [7.0 + 0.3 * (10.0 - 7.0), 1.0]]
     np.testing.assert_allclose(moved_ends(ends, points, 0.3), expected, atol=1e-12)
     # The other way round, and steep.
     backwards = moved_ends(ends[::-1], points[::-1], 0.3)
     np.testing.assert_allclose(backwards, expected[::-1], atol=1e-12)
     steep = moved_ends(ends[:, ::-1], points[:, ::-1], 0.3)
     np.testing.assert_allclose(steep, np.array(expected)[:, ::-1], atol=1e-12)
+
+
+def test_the_ends_of_a_short_line_stay_where_they_are():
+    """Its stations reach a little beyond it, and those on it have points."""
+    ends = np.array([[0.0, 1.0], [10.0, 1.0]])
+    for _ in range(50):
+        stations = np.linspace(ends[0, 0] - 0.6, ends[1, 0] + 0.6, 13)
+        on_it = stations[(stations >= 0.0) & (stations <= 10.0)]
+        ends = moved_ends(ends, np.column_stack([on_it, np.ones(len(on_it))]), 0.3)
+    # By no more than stations are apart.
+    np.testing.assert_allclose(ends, [[0.0, 1.0], [10.0, 1.0]], atol=0.9)
 
 
 LOW, HIGH = np.array([-0.5, -0.4]), np.array([0.5, 0.4])
