@@ -108,7 +108,7 @@ class Odometry(Output):
         gap = sensors.add_imu(sample)
         if gap is not None:
             self._segments.end_at(gap)
-            sensors.add_imu(sample)
+            sensors.add_after_gap(sample)
         self._process_reached()
         self._segments.end_without_frames(self._kept)
 

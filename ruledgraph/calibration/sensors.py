@@ -258,6 +258,7 @@ class ImuNoise:
         params.setAccelerometerCovariance(np.eye(3) * self.accelerometer**2)
         params.setBiasOmegaCovariance(np.eye(3) * self.gyroscope_walk**2)
         params.setBiasAccCovariance(np.eye(3) * self.accelerometer_walk**2)
+        # Of GTSAM's own integration, which is that exact; none would be singular.
         params.setIntegrationCovariance(np.eye(3) * 1e-10)
         return params
 

@@ -138,7 +138,7 @@ class ImuBuffer:
         self._values.clear()
         self._repeats.clear()
         self._holes.clear()
-        self._range.forget(np.inf)
+        self._range.interrupt()
 
 
 def _hole(start: float, stop: float, config: ImuConfig) -> UnreliableInterval:

@@ -182,6 +182,13 @@ class RangeWatch:
             start, sigmas = min(start, last.start), np.maximum(sigmas, last.sigmas)
         self.unreliable.append(UnreliableInterval(start, stop, sigmas))
 
+    def interrupt(self) -> None:
+        """What comes next does not follow on what came before; ends that were found stay."""
+        self.unreliable = []
+        self._recent.clear()
+        for touches in self._touches:
+            touches.clear()
+
     def forget(self, before: float) -> None:
         """Drop stretches that ended before a time."""
         self.unreliable = [interval for interval in self.unreliable if interval.stop >= before]

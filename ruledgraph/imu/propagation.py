@@ -13,6 +13,9 @@ from ruledgraph.imu.buffer import ImuBuffer, params_across
 from ruledgraph_factors import FactorError, FrameMotion, preintegrate_frames
 from ruledgraph_factors.so3 import hat
 
+# s; frames are no nearer to their node, but for one at it.
+_SHORTEST = 1e-9
+
 
 def rotation_between(imu: ImuBuffer, start: float, stop: float) -> gtsam.Rot3:
     """start_R_stop of the body over [start, stop] (s), from the gyroscope alone."""
@@ -83,12 +86,16 @@ def propagated_covariances(
     """Covariances of the states at all frames of a motion from a node, (n, 15, 15).
 
     P_t = F P F^T + Q: F is the derivative of the motion's equation (see `FrameMotion`) by the
-    node's pose, velocity and bias, Q the noise of gyroscope (G) and accelerometer (A) and the
-    biases' random walk over the time t since the node, of samples in between as they are:
+    node's pose, velocity and bias. Q is the noise of gyroscope (G) and accelerometer (A) and the
+    biases' random walk over the time t since the node. With f the mean specific force and
 
-        Q = [[G t, 0, 0], [0, A t^3/3, A t^2/2], [0, A t^2/2, A t]]
+        d theta = n_g dt,    d p = v dt,    d v = S theta dt + n_a dt,    S = -[f]x,
 
-    by rotation, position and velocity.
+    it is, by rotation, position and velocity, and symmetric,
+
+        Q = [[G t],
+             [S G t^3/6,    A t^3/3 + S G S^T t^5/20],
+             [S G t^2/2,    A t^2/2 + S G S^T t^4/8,    A t + S G S^T t^3/3]].
     """
     R, count = node.state.attitude().matrix(), len(motion)
     bias = node.bias.vector()
@@ -96,7 +103,8 @@ def propagated_covariances(
     assert predicted.jacobian is not None  # noqa: S101 - it was asked for
     F = np.tile(np.eye(15), (count, 1, 1))
     F[:, :6] = predicted.jacobian[:, :, :15]
-    F[:, 6:9, :3] = -R @ hat(motion.corrected(bias)[:, 6:9])
+    gained = motion.corrected(bias)[:, 6:9]
+    F[:, 6:9, :3] = -R @ hat(gained)
     F[:, 6:9, 9:] = R @ motion.bias_jacobian[:, 6:9]
     covariances = F @ node.covariance @ F.transpose(0, 2, 1)
     until = node.time + float(motion.elapsed[-1])
@@ -104,22 +112,38 @@ def propagated_covariances(
     unreliable = imu.unreliable(node.time, until)
     if unreliable:
         params = params_across(noise, imu.gravity, unreliable, node.time, until)
-    return covariances + _noise(params, R, predicted.rotation, motion.elapsed)
+    force = gained @ R.T / np.maximum(motion.elapsed, _SHORTEST)[:, None]
+    return covariances + _noise(params, R, predicted.rotation, force, motion.elapsed)
 
 
 def _noise(
-    params: gtsam.PreintegrationCombinedParams, R: FloatArray, R_t: FloatArray, elapsed: FloatArray
+    params: gtsam.PreintegrationCombinedParams,
+    R: FloatArray,
+    R_t: FloatArray,
+    force: FloatArray,
+    elapsed: FloatArray,
 ) -> FloatArray:
+    """Q, from the attitudes at the node (3, 3) and at n frames, (n, 3, 3), and the mean specific
+    force until then, (n, 3), in the world.
+    """
     t = elapsed[:, None, None]
-    force = R @ params.getAccelerometerCovariance() @ R.T
-    frame_R_world = R_t.transpose(0, 2, 1)
+    G = R @ params.getGyroscopeCovariance() @ R.T
+    A = R @ params.getAccelerometerCovariance() @ R.T
+    S = -hat(force)
+    SG, SGS = S @ G, S @ G @ S.transpose(0, 2, 1)
     Q = np.zeros((len(elapsed), 15, 15))
-    Q[:, :3, :3] = params.getGyroscopeCovariance() * t
-    Q[:, 3:6, 3:6] = frame_R_world @ force @ R_t * (t**3 / 3.0)
-    Q[:, 3:6, 3:6] += params.getIntegrationCovariance() * t
-    Q[:, 3:6, 6:9] = frame_R_world @ force * (t**2 / 2.0)
-    Q[:, 6:9, 3:6] = Q[:, 3:6, 6:9].transpose(0, 2, 1)
-    Q[:, 6:9, 6:9] = force * t
+    Q[:, :3, :3] = G * t
+    Q[:, 3:6, :3] = SG * (t**3 / 6.0)
+    Q[:, 3:6, 3:6] = A * (t**3 / 3.0) + SGS * (t**5 / 20.0) + params.getIntegrationCovariance() * t
+    Q[:, 6:9, :3] = SG * (t**2 / 2.0)
+    Q[:, 6:9, 3:6] = A * (t**2 / 2.0) + SGS * (t**4 / 8.0)
+    Q[:, 6:9, 6:9] = A * t + SGS * (t**3 / 3.0)
+    Q[:, :3, 3:9] = Q[:, 3:9, :3].transpose(0, 2, 1)
+    Q[:, 3:6, 6:9] = Q[:, 6:9, 3:6].transpose(0, 2, 1)
+    # Of a pose the errors are in the frame's own axes.
+    axes = np.tile(np.eye(15), (len(elapsed), 1, 1))
+    axes[:, :3, :3] = axes[:, 3:6, 3:6] = R_t.transpose(0, 2, 1)
+    Q = axes @ Q @ axes.transpose(0, 2, 1)
     Q[:, 9:12, 9:12] = params.getBiasAccCovariance() * t
     Q[:, 12:, 12:] = params.getBiasOmegaCovariance() * t
     return Q

@@ -66,9 +66,20 @@ class Synchronizer:
         return self.seconds(frame.stamp) + of_stamp + self.calibration.middle_row_delay
 
     def add_imu(self, sample: ImuSample) -> Gap | None:
-        """Take in a sample, see `ImuInput.add`; a stamp in another unit is a `RuledgraphError`."""
+        """Take in a sample.
+
+        Returns:
+            The gap before it, if the IMU was silent for too long: `restart`, and `add_after_gap`.
+
+        Raises:
+            RuledgraphError: for another shape, and for stamps in another unit.
+        """
         self._imu_unit.check(sample.stamp)
         return self._imu_input.add(self.seconds(sample.stamp), sample)
+
+    def add_after_gap(self, sample: ImuSample) -> None:
+        """Take in the sample before which `add_imu` has found a gap."""
+        self._imu_input.add(self.seconds(sample.stamp), sample)
 
     def add_image(self, frame: Frame) -> None:
         """Take in a frame; one whose image repeats the one before shows nothing.

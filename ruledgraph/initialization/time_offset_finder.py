@@ -27,7 +27,12 @@ from numpy.typing import NDArray
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.initialization.image_rotation import PointPairs, tracked_rays
-from ruledgraph.initialization.rotation_fit import PARAMETERS, RotationFit
+from ruledgraph.initialization.rotation_fit import (
+    MIN_RATE_VARIATION,
+    PARAMETERS,
+    RotationFit,
+    rate_variation,
+)
 from ruledgraph_factors import ImuSamples
 
 RANGE = 0.1
@@ -38,6 +43,8 @@ _STEP, _FINE = 0.01, 0.002
 _APART, _TOO_FAR = 0.045, 0.3
 # Degrees of freedom, of three a pair, without which variances mean nothing.
 _MIN_FREE = 20
+# Share of the pairs that must be new since the last fit: fewer hardly change it.
+_NEW_SHARE = 0.2
 # Others that are this many standard deviations away must be less likely by a chi^2 of this much,
 # which the best of twenty that are all equally wrong seldom reaches.
 _BEYOND, _BEATEN = 6.0, 30.0
@@ -76,6 +83,7 @@ class TimeOffsetFinder:
         self._before: tuple[float, NDArray[np.uint8]] | None = None
         self._times: deque[tuple[float, float]] = deque(maxlen=max_pairs)
         self._rays: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=max_pairs)
+        self._new = 0  # pairs since the last fit
 
     def add_image(self, time: float, image: NDArray[np.uint8]) -> None:
         """The next image, with its stamp in s."""
@@ -89,6 +97,7 @@ class TimeOffsetFinder:
             if rays is not None:
                 self._times.append((before, time))
                 self._rays.append(rays)
+                self._new += 1
         self._before = time, image
 
     @property
@@ -106,11 +115,14 @@ class TimeOffsetFinder:
     def find(self, samples: ImuSamples) -> FoundTimeOffset | None:
         """The offset by the pairs whose gyroscope's samples are there over the whole range.
 
-        None where there are too few, or the motion does not show it.
+        None where there are too few, or too few new ones, or the motion does not show it.
         """
+        if self._new < _NEW_SHARE * self.count:
+            return None
         pairs = covered(self.pairs, samples, self._calibration.time_offset)
         if 3 * len(pairs.times) - PARAMETERS < _MIN_FREE:
             return None
+        self._new = 0
         return fit_offset(pairs, samples, self._calibration, self._bias_sigma)
 
 
@@ -125,6 +137,8 @@ def fit_offset(
     pairs: PointPairs, samples: ImuSamples, calibration: Calibration, bias_sigma: float
 ) -> FoundTimeOffset | None:
     """The offset by all of these pairs; see `TimeOffsetFinder`."""
+    if rate_variation(pairs, samples, calibration.time_offset) < MIN_RATE_VARIATION:
+        return None
     fit = RotationFit(pairs, samples, calibration, bias_sigma)
     steps = round(RANGE / _STEP)
     coarse = np.array([calibration.time_offset + _STEP * i for i in range(-steps, steps + 1)])

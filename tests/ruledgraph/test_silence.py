@@ -201,7 +201,8 @@ def test_samples_that_are_not_finite_are_left_out_with_one_warning(number):
 def test_stamps_of_the_imu_in_another_unit_are_refused(unit, match):
     odometry = Odometry(small_stream()[1])
     start = 1_700_000_000 * 10**9 if match != "IMU samples come 5 s apart" else 0
-    samples = [ImuSample(unit(start + 5_000_000 * i), W, A) for i in range(200)]
+    forces = A + np.random.default_rng(0).normal(scale=0.01, size=(200, 3))
+    samples = [ImuSample(unit(start + 5_000_000 * i), W, force) for i, force in enumerate(forces)]
     with pytest.raises(RuledgraphError, match=match) as error:
         add_all(odometry, samples)
     assert "\n" not in str(error.value)

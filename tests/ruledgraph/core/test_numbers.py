@@ -55,6 +55,7 @@ ALLOWED = {
         "_THROUGH_CENTRE": NUMERICS,
         "_AT_INFINITY": NUMERICS,
         "_ALONG_RAY": NUMERICS,
+        "_MIN_ELAPSED": NUMERICS,
     },
     "frontend/sobel.py": dict.fromkeys(
         ("_THRESHOLD", "_SPACING"),
@@ -63,6 +64,8 @@ ALLOWED = {
     "frontend/tracker.py": {"_UNBOUNDED": "stands for infinity: beyond any image"},
     "integrity/variance_factor.py": {"_SIGMAS": "the bounds that errors are held against"},
     "imu/buffer.py": {"_REPEATS_KEPT": MEMORY},
+    "imu/camera_clock.py": {"_SIGNIFICANT": "three standard deviations"},
+    "imu/propagation.py": {"_SHORTEST": NUMERICS},
     "imu/faults.py": {
         "_CHANGES": MEMORY,
         "_OF_STEPS": "definition: the first decile, below which interpolated readings are left out",
@@ -132,6 +135,7 @@ ALLOWED = {
         ),
         **dict.fromkeys(("_APART", "_TOO_FAR"), "chooses pairs of images"),
         "_MIN_FREE": "fewer say nothing of a variance",
+        "_NEW_SHARE": "how often to look: the result hardly depends on it",
         **dict.fromkeys(("_BEYOND", "_BEATEN"), "a chi-square that no chance gives"),
         "_UNMODELLED": "what the model leaves out: stamps scatter, rows are read in turn",
     },

@@ -107,6 +107,17 @@ def test_clipped_readings_are_degraded_in_their_axis():
     assert len(imu.unreliable(0.0, 2.0)) == 2
 
 
+def test_clipped_readings_after_a_gap_do_not_reach_back_to_before_it():
+    imu = clipped()
+    imu.clear()
+    assert not imu.unreliable(0.0, 2.0)
+    for time in (30.0 + np.arange(10) * STEP).tolist():
+        imu.append(time, np.array([0.8, 0.0, 1e-3 * time]), np.array([0.0, 0.0, 9.81]))
+    (interval,) = imu.unreliable(0.0, 31.0)
+    # Where the range ends is known from before.
+    assert interval.start == pytest.approx(30.0)
+
+
 def test_how_long_estimates_are_unsure():
     imu = clipped()
     assert imu.was_degraded(0.2)
