@@ -14,9 +14,9 @@ from ruledgraph.core.extrinsics import Extrinsics
 from ruledgraph.core.focal_ratio import FocalRatio
 from ruledgraph.core.messages import Messages
 
-# In standard deviations; points are undistorted by few focal lengths, one after another, as those
-# of a window should fit together.
-_CONTRADICTED = 3.0
+# Standard deviations. Points are undistorted by few focal lengths, one after another, as those of a
+# window should fit together.
+_SIGNIFICANT = 3.0
 
 
 class CameraMounting:
@@ -90,7 +90,7 @@ class CameraMounting:
             message = focal_warning(focal_ratio, self._intrinsics)
             states = self._intrinsics.settled_states
             settled = self._warnings.lasting("focal length", message, states)
-            differs = abs(self.ratio - self._bent_by) > _CONTRADICTED * focal_ratio.sigma
+            differs = abs(self.ratio - self._bent_by) > _SIGNIFICANT * focal_ratio.sigma
             if settled and differs:
                 self._bent_by = self.ratio
                 self.camera = self.calibration.camera.bent_by(self.ratio)
@@ -106,9 +106,9 @@ def turned_by(given: gtsam.Pose3, extrinsics: Extrinsics) -> tuple[float, float]
 def mounting_warning(
     given: gtsam.Pose3, extrinsics: Extrinsics, config: ExtrinsicsConfig
 ) -> str | None:
-    """What to warn of: a rotation that is well known and far from the calibration's."""
+    """What to warn of: a rotation that is far from the calibration's."""
     angle, sigma = turned_by(given, extrinsics)
-    if sigma > config.settled_sigma or angle < config.warn_rotation:
+    if angle < max(config.warn_rotation, _SIGNIFICANT * sigma):
         return None
     return (
         f"the camera is turned by {np.degrees(angle):.1f} ± {np.degrees(sigma):.1f} deg from "
@@ -117,9 +117,9 @@ def mounting_warning(
 
 
 def focal_warning(found: FocalRatio, config: IntrinsicsConfig) -> str | None:
-    """What to warn of: a focal length that is well known and far from the calibration's."""
+    """What to warn of: a focal length that is far from the calibration's."""
     change = found.value - 1.0
-    if found.sigma > config.settled_sigma or abs(change) < config.warn_change:
+    if abs(change) < max(config.warn_change, _SIGNIFICANT * found.sigma):
         return None
     return (
         f"the focal length is {100.0 * abs(change):.1f} ± {100.0 * found.sigma:.1f} % "

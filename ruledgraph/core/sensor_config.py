@@ -21,14 +21,11 @@ class TimeOffsetConfig(Section):
     camera that exposes by itself moves the middle of its exposures: by 10 ms in 100 s."""
     max_step: float = number(2e-3, "s", 1e-5, 0.1)
     """The frames' times follow the estimate by this much a state at most: they stay in order."""
-    settled_sigma: float = number(1e-3, "s", 1e-6, 0.1)
-    """An offset is settled when its deviation is below this ..."""
-    settled_change: float = number(5e-4, "s", 1e-6, 0.1)
-    """... and the frames' times are no further from it ..."""
-    settled_states: int = number(13, "", 1, 1000)
-    """... at so many states in a row: those of 2.5 s."""
     warn_offset: float = number(3e-3, "s", 1e-6, 1.0)
-    """A settled offset that far from the calibration's is worth a warning."""
+    """An offset that far from the calibration's, and by three of its standard deviations, is worth
+    a warning ..."""
+    settled_states: int = number(13, "", 1, 1000)
+    """... when it is at so many states in a row: those of 2.5 s."""
 
 
 class ExtrinsicsConfig(Section):
@@ -47,12 +44,11 @@ class ExtrinsicsConfig(Section):
     from_images: bool = False
     """Whether a rotation that fits the images far better, with axes exchanged or the other way
     round, replaces the calibration's before the start."""
-    settled_sigma: float = number(3e-3, "rad", 1e-6, 0.1)
-    """The rotation is settled when its deviation is below this about every axis ..."""
-    settled_states: int = number(13, "", 1, 1000)
-    """... at so many states in a row: those of 2.5 s."""
     warn_rotation: float = number(8.7e-3, "rad", 1e-6, 1.0)
-    """A settled rotation that far from the calibration's, half a degree, is worth a warning."""
+    """A rotation that far from the calibration's, half a degree, and by three of its standard
+    deviations, is worth a warning ..."""
+    settled_states: int = number(13, "", 1, 1000)
+    """... when it is at so many states in a row: those of 2.5 s."""
 
 
 class IntrinsicsConfig(Section):
@@ -66,12 +62,11 @@ class IntrinsicsConfig(Section):
     focal_random_walk: float = number(1e-5, "", 1e-9, 0.01)
     """How fast it changes: standard deviation after one second, as a share. A lens that warms up by
     10 K changes by 1e-4 in some minutes."""
-    settled_sigma: float = number(3e-3, "", 1e-6, 0.1)
-    """It is settled when its deviation is below this ..."""
-    settled_states: int = number(13, "", 1, 1000)
-    """... at so many states in a row: those of 2.5 s."""
     warn_change: float = number(0.01, "", 1e-6, 1.0)
-    """A settled focal length that far from the calibration's, as a share, is worth a warning."""
+    """A focal length that far from the calibration's, as a share, and by three of its standard
+    deviations, is worth a warning ..."""
+    settled_states: int = number(13, "", 1, 1000)
+    """... when it is at so many states in a row: those of 2.5 s."""
 
 
 class ImuConfig(Section):

@@ -9,6 +9,9 @@ from ruledgraph.core.messages import Messages
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.synchronizer import Synchronizer
 
+# Standard deviations.
+_SIGNIFICANT = 3.0
+
 
 class CameraClock:
     """Times the frames to come by the estimated time offset.
@@ -71,10 +74,12 @@ def corrected_offset(
 def offset_warning(
     offset_correction: float, offset: TimeOffset, calibrated: float, config: TimeOffsetConfig
 ) -> str | None:
-    """What to warn of: an offset that is well known and far from the calibration's, s."""
-    settled = offset.sigma < config.settled_sigma
-    settled = settled and abs(offset.value - offset_correction) < config.settled_change
-    if not settled or abs(offset.value) < config.warn_offset:
+    """What to warn of: an offset that is far from the calibration's, s, and that the frames' times
+    have followed.
+    """
+    noise = _SIGNIFICANT * offset.sigma
+    is_followed = abs(offset.value - offset_correction) < noise
+    if not is_followed or abs(offset.value) < max(config.warn_offset, noise):
         return None
     return (
         f"t_imu - t_cam = {1e3 * (calibrated + offset.value):.1f} ± {1e3 * offset.sigma:.1f} ms, "

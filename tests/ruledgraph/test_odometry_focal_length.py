@@ -37,7 +37,7 @@ def run(factor: float, *settings: str, moving: bool) -> tuple[Odometry, float]:
 @pytest.mark.parametrize("factor", [0.97, 1.03])
 def test_a_focal_length_that_is_off_by_three_percent_is_found_and_reported(factor, moving):
     # As soon and as well as six seconds show it, the first of them at rest.
-    settled = "intrinsics.settled_sigma=0.005", "intrinsics.settled_states=5"
+    settled = ("intrinsics.settled_states=5",)
     odometry, error = run(factor, *settled, moving=moving)
     found = odometry.mounting.focal_ratio
     assert found.value * factor == pytest.approx(1.0, abs=3.0 * found.sigma)
@@ -82,7 +82,7 @@ def test_half_of_it_is_found_behind_a_lens_that_distorts():
         *scene, calibration=true, rate=30.0, duration=DURATION, moving_start=True, seed=2
     )
     given = dataclasses.replace(true, camera=lens.with_focal_ratio(0.97))
-    settled = "intrinsics.settled_sigma=0.005", "intrinsics.settled_states=5"
+    settled = ("intrinsics.settled_states=5",)
     odometry = Odometry(given, load_config(None, settled))
     for measurement in made.stream():
         odometry.add(measurement)

@@ -117,7 +117,7 @@ def test_a_mounting_begins_with_the_calibration_and_keeps_what_is_found():
 
 @pytest.mark.parametrize(
     ("degrees", "sigma", "warned"),
-    [(1.0, 1e-3, True), (1.0, 5e-3, False), (0.3, 1e-3, False)],
+    [(1.0, 1e-3, True), (1.0, 7e-3, False), (0.3, 1e-3, False)],
     ids=["far", "not well known", "not far"],
 )
 def test_when_it_is_worth_a_warning(degrees, sigma, warned):

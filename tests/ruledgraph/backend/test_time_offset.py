@@ -145,7 +145,7 @@ def ate(estimates: list[Estimate], ms: int, moving: bool) -> float:
 @pytest.mark.parametrize(("ms", "moving"), [(-10, False), (10, True)], ids=["from rest", "moving"])
 def test_the_odometry_gets_over_stamps_that_are_off(ms, moving):
     # It rests for too long to stay settled for a window, and is known to 1.2 ms.
-    config = load_config(None, ["time_offset.settled_states=5", "time_offset.settled_sigma=0.0015"])
+    config = load_config(None, ["time_offset.settled_states=5"])
     odometry, live = run(*shifted(ms, moving), config)
     value, sigma = odometry.time_offset
     assert 0.0 < sigma < 1.5e-3
