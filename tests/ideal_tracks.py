@@ -93,9 +93,9 @@ def start_of(
         time=0.0,
         state=gtsam.NavState(made.motion.pose(0.0), velocity),
         bias=gtsam.imuBias.ConstantBias(),
-        pose_covariance=np.diag(np.square([0.02, 0.02, 1e-4, 1e-4, 1e-4, 1e-4])),
-        velocity_sigma=0.1,
-        bias_sigmas=np.repeat([0.05, 0.01], 3),
+        covariance=np.diag(
+            np.square([0.02, 0.02, *np.full(4, 1e-4), *np.repeat([0.1, 0.05, 0.01], 3)])
+        ),
         lines={},
         time_offset=time_offset,
     )

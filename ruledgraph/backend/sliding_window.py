@@ -6,8 +6,6 @@ import math
 from collections import deque
 from collections.abc import Collection, Sequence
 
-import numpy as np
-
 from ruledgraph.backend.bias_jump import JumpTest, bias_jump
 from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.imu_intervals import add_bias_jump, imu_interval
@@ -19,11 +17,11 @@ from ruledgraph.backend.rest_jump import rest_jump
 from ruledgraph.backend.self_calibration import AS_CALIBRATED, SelfCalibration
 from ruledgraph.backend.start import Start
 from ruledgraph.backend.state_sequence import StateSequence
-from ruledgraph.backend.states import Interval, StateNode, add_priors
+from ruledgraph.backend.states import Interval, StateNode, joint_prior
 from ruledgraph.backend.window_solver import WindowSolver
 from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.config import Config
-from ruledgraph.core.estimates import Innovation, blocks
+from ruledgraph.core.estimates import Innovation
 from ruledgraph.core.extrinsics import Extrinsics
 from ruledgraph.core.focal_ratio import FocalRatio
 from ruledgraph.core.line_observations import LineTrack
@@ -51,7 +49,7 @@ class Window:
     ) -> None:
         self._config = config
         self._imu_noise = calibration.imu_noise
-        first = first_state(start)
+        first = StateNode(0, start.time, start.state, start.bias, start.covariance)
         self._states = StateSequence(first)
         self.line_map = LineMap(calibration, config, start)
         self._solver = WindowSolver(self._states, self.line_map, config)
@@ -69,7 +67,7 @@ class Window:
         """Whether the IMU's biases jumped in the newest interval; None if that cannot be told."""
         self._predictions = Predictions(config.integrity.innovation_span)
         self._update = GraphUpdate()
-        add_priors(self._update.factors, first)
+        self._update.factors.add(joint_prior(first))
         self._update.insert(first)
 
     @property
@@ -219,13 +217,3 @@ class Window:
         """Of all states, as they are known now."""
         for node in self.nodes:
             self._solver.read_covariance(node)
-
-
-def first_state(start: Start) -> StateNode:
-    """The state of a start; its pose, velocity and bias are independent."""
-    covariance = np.zeros((15, 15))
-    of_pose, of_velocity, of_bias = blocks(covariance)
-    of_pose[:] = start.pose_covariance
-    of_velocity[:] = np.eye(3) * start.velocity_sigma**2
-    of_bias[:] = np.diag(np.square(start.bias_sigmas))
-    return StateNode(0, start.time, start.state, start.bias, covariance)

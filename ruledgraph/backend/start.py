@@ -44,9 +44,8 @@ class Start:
     time: float
     state: gtsam.NavState
     bias: gtsam.imuBias.ConstantBias
-    pose_covariance: FloatArray
-    velocity_sigma: float
-    bias_sigmas: FloatArray
+    covariance: FloatArray
+    """Of pose, velocity and bias, (15, 15)."""
     lines: dict[int, InitialLine]
     """Of tracks by number: what is known of them already."""
     time_offset: TimeOffset | None = None

@@ -188,14 +188,6 @@ def insert_state(values: gtsam.Values, node: StateNode) -> None:
     values.insert(B(node.index), node.bias)
 
 
-def add_priors(factors: gtsam.NonlinearFactorGraph, node: StateNode) -> None:
-    """Priors of a first state, whose pose, velocity and bias are independent."""
-    pose, velocity, bias = (noiseModel.Gaussian.Covariance(c) for c in node.covariances)
-    factors.addPriorPose3(X(node.index), node.state.pose(), pose)
-    factors.addPriorVector(V(node.index), node.state.velocity(), velocity)
-    factors.addPriorConstantBias(B(node.index), node.bias, bias)
-
-
 def joint_prior(node: StateNode) -> gtsam.NonlinearFactor:
     """A prior on pose, velocity and bias of a state with their joint covariance."""
     keys, values = (X(node.index), V(node.index), B(node.index)), gtsam.Values()

@@ -4,13 +4,16 @@
 
 import gtsam
 import numpy as np
+from scipy.linalg import block_diag
 
 from ruledgraph.backend.start import Start
+from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.initialization.prior import Refusal, pose_covariance
 from ruledgraph_factors import level_attitude
+from ruledgraph_factors.so3 import hat
 
 
 def start_at_rest(
@@ -38,16 +41,34 @@ def start_at_rest(
             f"at rest the accelerometer shows {np.linalg.norm(force):.2f} instead of "
             f"{gravity:.2f} m/s^2"
         )
-    a, attitude = config.start.accelerometer_bias, level_attitude(force)
+    attitude, of_gravity = level_attitude(force), gravity * force / np.linalg.norm(force)
     return Start(
         stamp=stamp,
         time=stop,
         state=gtsam.NavState(attitude, np.zeros(3), np.zeros(3)),
-        bias=gtsam.imuBias.ConstantBias(np.zeros(3), samples.gyroscope.mean(axis=0)),
-        # The accelerometer's bias cannot be distinguished from a tilt.
-        pose_covariance=pose_covariance(attitude, a / gravity),
-        velocity_sigma=config.start.rest_velocity_sigma,
-        bias_sigmas=np.repeat([a, config.start.rest_gyroscope_sigma], 3),
+        bias=gtsam.imuBias.ConstantBias(force - of_gravity, samples.gyroscope.mean(axis=0)),
+        covariance=_covariance(attitude, of_gravity, config),
         lines={},
         time_offset=time_offset,
     )
+
+
+def _covariance(attitude: gtsam.Rot3, of_gravity: FloatArray, config: Config) -> FloatArray:
+    """Of pose, velocity and bias, (15, 15).
+
+    The mean specific force is that of gravity, f, and the accelerometer's bias b together. Where
+    the tilt is off by theta, in the body's axes, b is off by
+
+        theta x f,    and by a change of velocity that the rest may hide, over its duration.
+    """
+    start, gravity = config.start, config.imu.gravity
+    pose = pose_covariance(attitude, start.accelerometer_bias / gravity)
+    velocity = start.rest_velocity_sigma**2 * np.eye(3)
+    hidden = 2.0 * velocity / config.rest.duration**2
+    by_tilt = -hat(of_gravity)
+    of_accelerometer = by_tilt @ pose[:3, :3] @ by_tilt.T + hidden
+    of_gyroscope = start.rest_gyroscope_sigma**2 * np.eye(3)
+    covariance = block_diag(pose, velocity, of_accelerometer, of_gyroscope)
+    covariance[9:12, :3] = by_tilt @ pose[:3, :3]
+    covariance[:3, 9:12] = covariance[9:12, :3].T
+    return np.asarray(covariance)

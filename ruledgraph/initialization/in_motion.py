@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import gtsam
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import chdtri
 
 from ruledgraph.backend.edge_noise import edge_variance
@@ -163,7 +164,7 @@ def _solved_again(batch: Batch, window: FirstWindow) -> Batch | None:
 
 def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start | Refusal:
     """The best hypothesis, if it is accepted."""
-    batch, config, start = best[0], window.config, window.config.start
+    batch, start = best[0], window.config.start
     limit = float(chdtri(2, 1.0 - start.confidence))
     fits = [misfit < limit for misfit in batch.misfits(window.nominal_sigma)]
     outliers = 1.0 - float(np.mean(np.concatenate(fits)))
@@ -198,9 +199,11 @@ def _accepted(best: Sequence[Batch], window: FirstWindow, stamp: int) -> Start |
         time=window.times[0],
         state=gtsam.NavState(batch.pose, batch.velocity),
         bias=batch.bias,
-        pose_covariance=pose_covariance(batch.pose.rotation(), start.tilt),
-        velocity_sigma=start.velocity,
-        bias_sigmas=config.start.bias_sigmas,
+        covariance=block_diag(
+            pose_covariance(batch.pose.rotation(), start.tilt),
+            start.velocity**2 * np.eye(3),
+            np.diag(np.square(start.bias_sigmas)),
+        ),
         lines=lines,
         time_offset=offset,
         edge_variance=window.edge_variance,

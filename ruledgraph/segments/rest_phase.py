@@ -35,18 +35,21 @@ class RestPhase:
         detector: what image and IMU show.
         focal_length: px.
         config: all settings.
+        rests: whether it begins with a rest.
     """
 
-    def __init__(self, detector: RestDetector, focal_length: float, config: Config) -> None:
+    def __init__(
+        self, detector: RestDetector, focal_length: float, config: Config, rests: bool = False
+    ) -> None:
         self._detector = detector
         self._focal_length = focal_length
         self._config = config
         self.interval = min(config.window.lag / 2.0, config.rest.solve_interval)
         """At rest new lines are looked for, and the window is solved, this often, s."""
         self._longest_undecided = min(config.window.lag / 2.0, config.rest.max_undecided_time)
-        self.of_state = False
+        self.of_state = rests
         """Whether the body has rested until the newest state, and for some time before."""
-        self.goes_on = False
+        self.goes_on = rests
         """Whether it has until the latest frame, as far as that is known."""
         self.is_undecided = False
         """Whether that is not known yet, after a rest until the newest state."""

@@ -67,7 +67,8 @@ class TrajectorySegment:
         """Of the latest frame."""
         self.last_reliable: ReliableState | None = None
         """Its last state whose lines fitted."""
-        self.rest_phase = RestPhase(stages.rest_detector, calibration.camera.focal_length, config)
+        focal = calibration.camera.focal_length
+        self.rest_phase = RestPhase(stages.rest_detector, focal, config, rests=self.confirmed)
         self._last_lines = self.window.newest.time
 
     def begin(self, frames: Sequence[FrameTime]) -> None:

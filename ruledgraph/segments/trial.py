@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Whether a start in motion is accepted."""
 
+import numpy as np
 from scipy.special import chdtri
 
 from ruledgraph.backend.sliding_window import Window
@@ -17,8 +18,8 @@ class Trial:
 
     def __init__(self, start: Start, time: float, config: Config) -> None:
         self._config = config.integrity
-        self._bias_sigmas = start.bias_sigmas
-        self._threshold = float(chdtri(len(start.bias_sigmas), 1.0 - config.start.confidence))
+        self._bias_sigmas = np.sqrt(np.diag(start.covariance)[9:])
+        self._threshold = float(chdtri(len(self._bias_sigmas), 1.0 - config.start.confidence))
         self._line_ids = set(start.lines)
         self._entered: set[int] = set()
         self._until = time + self._config.trial_time

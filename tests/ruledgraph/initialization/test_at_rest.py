@@ -22,7 +22,7 @@ def test_a_start_at_rest_finds_gravity_and_the_gyroscope_bias():
     own_up = start.state.attitude().matrix().T @ [0.0, 0.0, 1.0]
     assert np.degrees(np.arccos(true_up @ own_up)) < 0.1
     # Yaw is the world's choice, and held tighter than the tilt.
-    up_variance = own_up @ start.pose_covariance[:3, :3] @ own_up
+    up_variance = own_up @ start.covariance[:3, :3] @ own_up
     assert up_variance == pytest.approx(1e-8)
 
 
@@ -35,7 +35,7 @@ def test_a_large_accelerometer_bias_is_within_the_reported_tilt(seed):
     assert isinstance(start, Start)
     true_up = made.motion.rotation(0.0).T @ [0.0, 0.0, 1.0]
     own_up = start.state.attitude().matrix().T @ [0.0, 0.0, 1.0]
-    sigma = np.sqrt(np.linalg.eigvalsh(start.pose_covariance[:3, :3])[-1])
+    sigma = np.sqrt(np.linalg.eigvalsh(start.covariance[:3, :3])[-1])
     assert np.arccos(true_up @ own_up) < 3.0 * sigma
 
 
@@ -54,6 +54,6 @@ def test_the_tilts_sigma_is_what_the_accelerometers_bias_feigns():
     made = ideal_tracks(0, at_rest(1.0), duration=0.9)
     start = start_at_rest(made.imu, 800, 0.2, 0.8, Config())
     assert isinstance(start, Start)
-    variances = np.linalg.eigvalsh(start.pose_covariance[:3, :3])
+    variances = np.linalg.eigvalsh(start.covariance[:3, :3])
     expected = Config().start.accelerometer_bias / 9.81  # rad; g differs by 0.1 % between places
     np.testing.assert_allclose(np.sqrt(variances[1:]), expected, rtol=2e-3)

@@ -21,9 +21,7 @@ def start_at(pose: gtsam.Pose3, time: float = 0.0, lines=()) -> Start:
         time=time,
         state=gtsam.NavState(pose, np.zeros(3)),
         bias=gtsam.imuBias.ConstantBias(),
-        pose_covariance=np.eye(6),
-        velocity_sigma=1.0,
-        bias_sigmas=np.ones(6),
+        covariance=np.eye(15),
         lines=dict.fromkeys(lines),
     )
 

@@ -19,9 +19,7 @@ def start_with(lines) -> Start:
         time=0.0,
         state=gtsam.NavState(gtsam.Pose3(), np.zeros(3)),
         bias=gtsam.imuBias.ConstantBias(),
-        pose_covariance=np.eye(6),
-        velocity_sigma=1.0,
-        bias_sigmas=np.repeat([0.3, 0.1], 3),
+        covariance=np.diag(np.square(np.repeat([1.0, 1.0, 1.0, 0.3, 0.1], 3))),
         lines=dict.fromkeys(lines),
     )
 
