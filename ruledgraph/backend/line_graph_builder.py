@@ -31,7 +31,7 @@ from ruledgraph_factors import (
 )
 
 # rad; less than half of 0.1 px at a focal length of 400 px. A tighter factor is ill-conditioned.
-_MIN_REANCHOR_SIGMA = 1e-4
+_MIN_RECENTRE_SIGMA = 1e-4
 
 
 class ImpossibleLineError(RuledgraphError):
@@ -173,8 +173,8 @@ class LineGraphBuilder:
         wide = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
         update.factors.addPriorVector(line.key, line.delta, wide)
 
-    def reanchor(self, line: Landmark, update: GraphUpdate) -> None:
-        """A new chart at the current estimate, under a new key, with a factor to the old one.
+    def recentre(self, line: Landmark, update: GraphUpdate) -> None:
+        """A new chart about the current estimate, under a new key, with a factor to the old one.
 
         The smoother does not relinearise a variable whose neighbour has left the window. A line
         without parallax until then would stay linearised at an arbitrary depth.
@@ -182,16 +182,12 @@ class LineGraphBuilder:
         # The marginal on the old variable is linear: what it says of the line is off by the second
         # term of Taylor's series in how far the line has moved since.
         moved = line.delta - line.linearized
-        sigma = max(0.5 * float(moved @ moved), _MIN_REANCHOR_SIGMA)
+        sigma = max(0.5 * float(moved @ moved), _MIN_RECENTRE_SIGMA)
         noise = noiseModel.Isotropic.Sigma(4, sigma)
-        old_key, key, anchor = line.key, L(self._keys_so_far), line.chart.world_T_anchor
-        try:
-            chart, by_delta = line.chart.reanchor(line.delta, anchor)
-            factor = same_line_factor(noise, old_key, key, line.chart, line.delta, chart)
-        except FactorError:
-            return  # through its anchor: `LineMap.check_fit` deals with it
+        old_key, key = line.key, L(self._keys_so_far)
+        chart, by_delta = line.chart.recentred(line.delta)
         self._keys_so_far += 1
-        update.factors.add(factor)
+        update.factors.add(same_line_factor(noise, old_key, key, line.chart, line.delta, chart))
         update.values.insert(key, np.zeros(4))
         update.times |= {old_key: line.last_time, key: line.last_time}
         line.covariance = by_delta @ line.covariance @ by_delta.T + sigma**2 * np.eye(4)

@@ -125,15 +125,15 @@ class LineMap:
         for line in far:
             self._builder.remove(line, update)
             self._dropped.remove(line)
-        self._reanchor(update)
+        self._recentre(update)
 
-    def _reanchor(self, update: GraphUpdate) -> None:
+    def _recentre(self, update: GraphUpdate) -> None:
         for line in self.lines.values():
             if (
                 line.linearization_frozen
-                and np.abs(line.delta - line.linearized).max() > self._config.reanchor_change
+                and np.abs(line.delta - line.linearized).max() > self._config.recentre_change
             ):
-                self._builder.reanchor(line, update)
+                self._builder.recentre(line, update)
 
     def read(self, estimate: gtsam.Values, linearization_point: gtsam.Values) -> None:
         """Take over what the smoother found."""

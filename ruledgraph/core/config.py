@@ -42,7 +42,7 @@ class LinesConfig(Section):
     """Nearer to its first camera a new line is taken for an error."""
     behind_sigmas: float = number(2.0, "", 0.0, 100.0)
     """A line whose inverse distance is so many standard deviations below zero is rejected."""
-    reanchor_change: float = number(0.1, "", 1e-6, 1e3)
+    recentre_change: float = number(0.1, "", 1e-6, 1e3)
     """A line moved so far (chart coordinates, rad) from its linearisation gets a new variable."""
     prior_distance: float = number(3.0, "m", 0.01, 1e4)
     """Distance of a line from the camera, before any is known; it counts as one line's among those

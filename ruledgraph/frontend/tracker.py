@@ -215,8 +215,8 @@ class Tracker:
         self.tracks = [tracks[i] for i in first_of_duplicates(same)]
 
     def lines_moved(self, since: int) -> tuple[FloatArray, FloatArray]:
-        """Image lines (N, 3) now, normalised coordinates, of those seen in a frame and now, and how
-        far each has moved across itself, (N,), px.
+        """Of the lines seen in a frame and now: where they were then, image lines (N, 3),
+        normalised coordinates, and how far each has moved across itself, (N,), px.
         """
         lines, moved = moved_since([track for track in self.tracks if track.misses == 0], since)
         return lines, moved * self.camera.focal_length

@@ -65,7 +65,7 @@ class FrameHistory:
         return before[-1] if before else None
 
     def retime(self, change: float, imu: ImuBuffer) -> None:
-        """Correct all times by so much (s) and drop frames that samples do not cover then."""
+        """Correct all times by so much (s) and drop frames that are before the samples then."""
         moved = (frame._replace(time=frame.time + change) for frame in self._frames)
         self._frames = deque(f for f in moved if imu.covers(f.time, imu.latest))
 

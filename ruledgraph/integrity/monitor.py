@@ -78,6 +78,10 @@ class IntegrityMonitor:
         self._variance.counts_from = time
 
     @property
+    def _on_trial(self) -> bool:
+        return self._variance.counts_from == math.inf
+
+    @property
     def is_contradicted(self) -> bool:
         """Whether the images contradict the IMU, or lines the estimate."""
         return self._imu.contradicts or self.lines_misfit
@@ -112,8 +116,7 @@ class IntegrityMonitor:
         since its prediction: an interval alone shows little of a slow drift, and once the lines
         have followed it, nothing.
         """
-        on_trial = self._variance.counts_from == math.inf
-        if on_trial or not self.lines_fit:
+        if self._on_trial or not self.lines_fit:
             return math.inf
         since = self._imu.unlikely_since
         if since is not None and self._lines.last_misfit_time <= since:

@@ -28,8 +28,8 @@ def predicted(
         rotation_only = CameraMotion(R, elapsed, body_T_cam, body_T_cam, stages.mounting.ratio)
         return Predicted(rotation_only, {})
     body_T_cam, rest, window = segment.body_T_cam, segment.rest_phase, segment.window
-    world_T_before = rest.held(segment.state.pose(), window).compose(body_T_cam)
-    world_T_cam = rest.held(segment.predict(now.time).pose(), window).compose(body_T_cam)
+    world_T_before = rest.held(segment.state, window).pose().compose(body_T_cam)
+    world_T_cam = rest.held(segment.predict(now.time), window).pose().compose(body_T_cam)
     R = world_T_cam.between(world_T_before).rotation().matrix()
     motion = CameraMotion(R, elapsed, world_T_before, world_T_cam, focal_ratio(stages, segment))
     # Where the IMU was unreliable, tracks are predicted by their own motion in the image.

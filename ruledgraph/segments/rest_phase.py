@@ -128,13 +128,14 @@ class RestPhase:
             return "nothing"
         return "rest" if odds > 0.0 else "motion"
 
-    def held(self, pose: gtsam.Pose3, window: Window) -> gtsam.Pose3:
-        """A pose since the newest state, without the way by the IMU while the image has not moved:
-        where lines are to be looked for.
+    def held(self, state: gtsam.NavState, window: Window) -> gtsam.NavState:
+        """A state since the newest one, without the motion by the IMU while the image is still:
+        where lines are to be looked for, and how the rows of their images are to be read.
         """
         if self.is_held or self.is_undecided:
-            return gtsam.Pose3(pose.rotation(), window.newest.state.position())
-        return pose
+            at = window.newest.state
+            return gtsam.NavState(state.attitude(), at.position(), at.velocity())
+        return state
 
     def is_idle(self, window: Window, time: float, state: gtsam.NavState) -> bool:
         """Whether there is nothing to solve for at a time (s) of rest, with a state by the IMU."""

@@ -32,9 +32,10 @@ def row_motion(
     if not (half and imu.covers(now.time - half, now.time + half)):
         return None
     calibration = replace(mounting.calibration, camera=mounting.camera)
-    state = None if segment is None else segment.state
-    bias = _NO_BIAS if segment is None else segment.window.newest.bias
-    ratio = focal_ratio(stages, segment)
+    state, bias, ratio = None, _NO_BIAS, focal_ratio(stages, segment)
+    if segment is not None:
+        window = segment.window
+        state, bias = segment.rest_phase.held(segment.state, window), window.newest.bias
     return motion_about(calibration, imu, now.time, state, bias, ratio)
 
 

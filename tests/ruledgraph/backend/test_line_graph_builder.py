@@ -24,7 +24,7 @@ def test_it_keeps_what_was_known_but_for_terms_of_the_second_order(size):
     line = Landmark(1, L(7), chart, moved, known, 0, 0, 1.0, linearization_frozen=True)
     update = GraphUpdate()
     builder = LineGraphBuilder(EdgeModel(gtsam.Pose3(), 400.0, 1e-3, 1e-3), LinesConfig(), {})
-    builder.reanchor(line, update)
+    builder.recentre(line, update)
     assert line.key != L(7)
 
     update.factors.addPriorVector(L(7), moved, gtsam.noiseModel.Gaussian.Covariance(known))

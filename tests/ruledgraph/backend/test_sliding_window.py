@@ -186,7 +186,7 @@ def test_lines_that_moved_from_their_linearisation_get_new_variables():
     """All lines are re-anchored, again and again, and nothing of the estimate is lost."""
     made = ideal_tracks(1, hand_held(np.random.default_rng(1)))
     never, often = (
-        load_config(None, ["window.lag=1", f"lines.reanchor_change={change}"])
+        load_config(None, ["window.lag=1", f"lines.recentre_change={change}"])
         for change in (1000, 1e-4)
     )
     plain, _ = run_window(made, never)

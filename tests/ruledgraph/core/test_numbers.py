@@ -24,7 +24,7 @@ ALLOWED = {
     "backend/landmarks.py": {"_KEPT": MEMORY, "_INFINITE": NUMERICS, "_PARALLEL": NUMERICS},
     "backend/line_distance.py": {"_KNOWN": "three standard deviations"},
     "backend/line_fit.py": {"_AT_INFINITY": NUMERICS},
-    "backend/line_graph_builder.py": {"_MIN_REANCHOR_SIGMA": NUMERICS},
+    "backend/line_graph_builder.py": {"_MIN_RECENTRE_SIGMA": NUMERICS},
     "backend/line_weights.py": {
         "_NO_NOISE": NUMERICS,
         "_LINE_DOF": "counts unknowns",

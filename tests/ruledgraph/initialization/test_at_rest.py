@@ -9,6 +9,7 @@ from ruledgraph.backend.start import Start
 from ruledgraph.core.config import Config
 from ruledgraph.initialization.at_rest import start_at_rest
 from ruledgraph.initialization.prior import Refusal
+from ruledgraph_factors.so3 import hat
 
 
 def test_a_start_at_rest_finds_gravity_and_the_gyroscope_bias():
@@ -37,6 +38,26 @@ def test_a_large_accelerometer_bias_is_within_the_reported_tilt(seed):
     own_up = start.state.attitude().matrix().T @ [0.0, 0.0, 1.0]
     sigma = np.sqrt(np.linalg.eigvalsh(start.covariance[:3, :3])[-1])
     assert np.arccos(true_up @ own_up) < 3.0 * sigma
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_tilt_and_accelerometer_bias_make_up_the_mean_force_together(seed):
+    bias = np.zeros(6)
+    bias[:3] = np.random.default_rng(seed).normal(scale=0.3, size=3)
+    made = ideal_tracks(seed, at_rest(1.0), duration=0.9, bias=bias)
+    start = start_at_rest(made.imu, 800, 0.2, 0.8, Config())
+    assert isinstance(start, Start)
+    attitude = start.state.attitude()
+    tilt = attitude.logmap(made.motion.pose(0.0).rotation())
+    up = attitude.unrotate(np.array([0.0, 0.0, 1.0]))
+    tilt = tilt - (tilt @ up) * up  # the yaw is the world's choice
+    off = np.concatenate([tilt, bias[:3] - start.bias.accelerometer()])
+    assert np.sqrt(np.diag(start.covariance)[9:12].max()) > 0.25  # alone neither is known
+    together = np.hstack([hat(9.81 * up), np.eye(3)])  # b - theta x f
+    part = np.ix_([0, 1, 2, 9, 10, 11], [0, 1, 2, 9, 10, 11])
+    sigmas = np.sqrt(np.diag(together @ start.covariance[part] @ together.T))
+    assert sigmas.max() < 0.05  # m/s^2
+    assert np.all(np.abs(together @ off) < 3.0 * sigmas)
 
 
 def test_an_accelerometer_in_g_is_refused_at_rest():

@@ -145,10 +145,10 @@ def test_while_it_is_undecided_the_covariance_is_that_of_both_cases_or_more():
 
 def test_lines_are_looked_for_where_the_body_has_only_turned_until_the_image_moves():
     for imu_rests in (True, False):
-        held = phase(Shown(image_rests=True, imu_rests=imu_rests)).held(MOVED.pose(), WINDOW)
+        held = phase(Shown(image_rests=True, imu_rests=imu_rests)).held(MOVED, WINDOW).pose()
         assert held.rotation().equals(MOVED.attitude(), 0.0)
         assert np.array_equal(held.translation(), NODE.state.position())
-    moving = phase(Shown(image_rests=False, imu_rests=False)).held(MOVED.pose(), WINDOW)
+    moving = phase(Shown(image_rests=False, imu_rests=False)).held(MOVED, WINDOW).pose()
     assert moving.equals(MOVED.pose(), 0.0)
 
 
