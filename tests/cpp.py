@@ -15,8 +15,8 @@ import pytest
 
 from ruledgraph_factors import get_cmake_dir
 
-FACTORS = Path(__file__).parents[1] / "factors"
-CPP = Path(__file__).with_name("factors") / "cpp"
+FACTORS = Path(__file__).resolve().parents[1] / "factors"
+CPP = Path(__file__).resolve().with_name("factors") / "cpp"
 
 _COMPILERS = (os.environ.get("CXX"), "c++", "g++", "clang++")
 # Without optimisation: that is quicker here, and rounding is that of the source.
@@ -32,7 +32,12 @@ def stand_in(version: int) -> list[str]:
     return [f"-DSTANDIN_VERSION={version}", "-isystem", str(CPP / "standin")]
 
 
-def compile_cpp(source: Path, *flags: str) -> None:
+# One worker compiles it, for all tests that run it.
+together_group = pytest.mark.xdist_group("C++ together")
+
+
+def compile_cpp(source: Path, *flags: str) -> str:
+    """What the compiler writes to standard output."""
     compiler = next((path for path in map(shutil.which, filter(None, _COMPILERS)) if path), None)
     if compiler is None:
         pytest.skip("there is no C++ compiler")
@@ -44,6 +49,13 @@ def compile_cpp(source: Path, *flags: str) -> None:
         check=False,
     )
     assert built.returncode == 0, built.stderr
+    return built.stdout
+
+
+def headers_of(source: Path, *flags: str) -> set[Path]:
+    """All that it includes, by whatever way."""
+    rule = compile_cpp(source, *flags, "-M").replace("\\\n", " ")
+    return {Path(name).resolve() for name in rule.split()[2:]}
 
 
 def build(source: Path, into: Path, *flags: str) -> Path:

@@ -11,7 +11,16 @@ import pytest
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, E, F, G, L, T, V, X
 
-from cpp import CPP, Reader, build, build_with_gtsam, numbers_of, run, stand_in
+from cpp import (
+    CPP,
+    Reader,
+    build,
+    build_with_gtsam,
+    numbers_of,
+    run,
+    stand_in,
+    together_group,
+)
 from numerics import factor_jacobians
 from random_factors import FORMS, POINTS, Case, random_case
 from ruledgraph_factors import (
@@ -33,15 +42,20 @@ SOURCE = CPP / "factor_test.cpp"
 KINDS = (*get_args(Form), NewLineSpec, LineDistanceSpec, SameLineSpec)
 BOUND = 1e-12
 # Each built once, not by each worker.
-BUILDS = [pytest.param(v, marks=pytest.mark.xdist_group(f"GTSAM {v}")) for v in ("4.2", "4.3")]
+BUILDS = [
+    pytest.param("4.2", marks=pytest.mark.xdist_group("GTSAM 4.2")),
+    pytest.param("4.3", marks=together_group),
+]
 
 
 @pytest.fixture(scope="module", params=[*BUILDS, "real"])
 def program(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if request.param == "4.3":
+        return request.getfixturevalue("together")
     folder = tmp_path_factory.mktemp("cpp")
     if request.param == "real":
         return build_with_gtsam(CPP, folder) / "factor_test"
-    return build(SOURCE, folder, *stand_in({"4.2": 40200, "4.3": 40300}[request.param]))
+    return build(SOURCE, folder, *stand_in(40200))
 
 
 def chart_numbers(chart: LineChart) -> list[object]:

@@ -6,7 +6,17 @@ import re
 from pathlib import Path
 
 import ruledgraph_factors as rf
-from cpp import FACTORS, build_with_gtsam, cmake, compile_cpp, eigen_folder, run, stand_in
+from cpp import (
+    CPP,
+    FACTORS,
+    build_with_gtsam,
+    cmake,
+    eigen_folder,
+    headers_of,
+    run,
+    stand_in,
+    together_group,
+)
 
 EXAMPLE = FACTORS / "examples/line_in_graph.cpp"
 CONSUMER = """
@@ -33,13 +43,17 @@ def test_every_block_of_the_page_is_a_part_of_the_example() -> None:
         assert without_layout(block) in example, block
 
 
-def test_the_examples_compile(tmp_path: Path) -> None:
-    # Together, in half the time; the headers `test_cpp_factors.py` compiles for both versions.
-    both = tmp_path / "examples.cpp"
-    names = "line_in_graph", "vio"
-    parts = [f'#define main {n}_main\n#include "{EXAMPLE.with_name(n)}.cpp"' for n in names]
-    both.write_text("\n#undef main\n".join(parts))
-    compile_cpp(both, *stand_in(40300), "-fsyntax-only")
+@together_group
+def test_the_examples_compile(together: Path) -> None:
+    included = headers_of(CPP / "together.cpp", *stand_in(40300))
+    assert {EXAMPLE, EXAMPLE.with_name("vio.cpp")} <= included
+    assert together.is_file()
+
+
+def test_the_example_includes_all_that_it_uses() -> None:
+    """Of what comes before it in `together.cpp` nothing but the tests' own headers is new to it."""
+    before = headers_of(CPP / "core_test.cpp") - headers_of(EXAMPLE, *stand_in(40300))
+    assert {path.parent for path in before} == {CPP}
 
 
 def consume(folder: Path, package: Path) -> list[str]:

@@ -26,7 +26,7 @@ using namespace ruledgraph;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr int kFrames = 4;
+constexpr int kFrameCount = 4;
 
 Matrix3 random_rotation() { return exponential(Vector3::Random()).rotation; }
 
@@ -53,7 +53,7 @@ Geometry random_geometry(const State& state, bool timed) {
   const Matrix3 body_R_cam = random_rotation();
   const Vector3 body_t_cam = 0.1 * Vector3::Random();
   std::vector<FrameMotion> frames;
-  for (int i = 0; i < kFrames; ++i) {
+  for (int i = 0; i < kFrameCount; ++i) {
     frames.push_back(
         {0.02 * i, 0.02 * Vector6::Random(), 0.05 * Matrix6::Random(), Vector6::Random()});
   }
@@ -94,7 +94,7 @@ void check_jacobian(const Geometry& geometry, const Points& points, const State&
 
 GeometricPoints random_statistics() {
   GeometricPoints points;
-  for (int i = 0; i < kFrames; ++i) {
+  for (int i = 0; i < kFrameCount; ++i) {
     points.statistics.push_back(Matrix3::Random().triangularView<Eigen::Upper>());
   }
   return points;
@@ -307,4 +307,5 @@ int main(int count, char**) {
     if (kind == 2.0) write_points();
     if (kind == 3.0) write_triangulation();
   }
+  return 0;
 }

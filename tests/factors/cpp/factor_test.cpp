@@ -340,4 +340,5 @@ int main() {
     write(residual);
     for (const Matrix& jacobian : jacobians) write(jacobian);
   }
+  return 0;
 }
