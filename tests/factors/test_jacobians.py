@@ -8,6 +8,7 @@ are tried and the best counts.
 """
 
 from collections.abc import Iterator
+from functools import cache
 
 import gtsam
 import numpy as np
@@ -19,6 +20,12 @@ from random_factors import FORMS, POINTS, Case, random_case
 from ruledgraph_factors import GeometricPoints, LineChart, ReprojectionPoints
 
 BOUND = 1e-6
+
+
+@cache
+def shared_case(seed: int) -> Case:
+    """For tests that leave it as it is: one for factors of all forms."""
+    return random_case(seed)
 
 
 def check(case: Case, form: str, kind, what: object, steps: tuple[float, ...] = (1e-4,)) -> bool:
@@ -46,7 +53,7 @@ def check_all(cases: Iterator[Case], form: str, kind, steps: tuple[float, ...], 
 @pytest.mark.parametrize("form", FORMS)
 def test_random_configurations(form: str, kind) -> None:
     """1,000 configurations for each factor."""
-    check_all((random_case(seed) for seed in range(1000)), form, kind, (1e-4,), least=950)
+    check_all(map(shared_case, range(1000)), form, kind, (1e-4,), least=950)
 
 
 @pytest.mark.parametrize("kind", POINTS)
@@ -54,7 +61,7 @@ def test_random_configurations(form: str, kind) -> None:
 def test_random_configurations_by_numpy(form: str, kind, monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer: `test_kernels.py` holds both kernels to each other."""
     monkeypatch.setenv("RULEDGRAPH_KERNEL", "numpy")
-    check_all((random_case(seed) for seed in range(15)), form, kind, (1e-4,), least=14)
+    check_all(map(shared_case, range(15)), form, kind, (1e-4,), least=14)
 
 
 @pytest.mark.parametrize("kind", POINTS)
@@ -139,7 +146,7 @@ def test_ruling_seen_almost_end_on(angle: float) -> None:
 def test_residual_is_the_same_with_and_without_jacobians(form: str, kind) -> None:
     """GTSAM linearises with H and evaluates the error without: one and the same residual."""
     for seed in range(50):
-        case = random_case(seed)
+        case = shared_case(seed)
         factor = case.factor(form, kind)
         _, b = factor.linearize(case.values).jacobian()
         np.testing.assert_array_equal(-b, factor.unwhitenedError(case.values))
