@@ -12,6 +12,9 @@ from typing import Any
 
 import pytest
 
+# One worker makes what they share.
+pytestmark = pytest.mark.xdist_group("determinism")
+
 # What a summary holds of the clock on the wall.
 CLOCK = {"wall_s", "real_time_factor", "stages"}
 

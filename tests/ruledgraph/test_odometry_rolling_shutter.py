@@ -23,6 +23,9 @@ from ruledgraph.simulation import imu as simulated_imu
 from small_runs import ate, ever_degraded, run
 from small_simulation import SMALL, new_small_simulation
 
+# One worker makes what they share.
+pytestmark = pytest.mark.xdist_group("rolling shutter")
+
 READOUT = 0.025
 
 

@@ -19,6 +19,9 @@ from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.recording import write_recording
 from small_simulation import small_stream
 
+# One worker makes what they share.
+pytestmark = pytest.mark.xdist_group("real benchmark")
+
 START = 1_000_000_000_000
 
 

@@ -7,6 +7,9 @@ import pytest
 
 import embedding_example
 
+# One worker makes what they share.
+pytestmark = pytest.mark.xdist_group("embedding example")
+
 # Not the seeds of the example's own table.
 SEEDS = range(10, 12)
 

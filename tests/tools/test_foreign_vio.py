@@ -10,6 +10,9 @@ import pytest
 from benchmarks import foreign_vio
 from cpp import FACTORS, build_with_gtsam
 
+# One worker makes what they share.
+pytestmark = pytest.mark.xdist_group("foreign VIO")
+
 
 @pytest.fixture(scope="module")
 def estimates() -> list[np.ndarray]:

@@ -15,6 +15,9 @@ from ruledgraph.odometry import Odometry
 from small_runs import smooth
 from small_simulation import SMALL, write_small_recording
 
+# One worker makes what they share.
+pytestmark = pytest.mark.xdist_group("found calibration")
+
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory) -> Path:

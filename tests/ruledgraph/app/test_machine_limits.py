@@ -23,6 +23,9 @@ from ruledgraph.core.trajectory import read_tum
 from ruledgraph.live import LiveOdometry
 from small_simulation import small_stream, write_small_recording
 
+# One worker makes what they share.
+pytestmark = pytest.mark.xdist_group("machine limits")
+
 KB = 1024
 
 

@@ -21,6 +21,9 @@ from ruledgraph.core.trajectory import read_tum
 from ruledgraph.evaluation.sources import read_line_ends, read_poses
 from small_simulation import small_stream, write_small_recording
 
+# One worker makes what they share.
+pytestmark = pytest.mark.xdist_group("outputs")
+
 
 @pytest.fixture(scope="module")
 def outputs(tmp_path_factory) -> Path:

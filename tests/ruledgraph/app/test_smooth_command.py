@@ -25,6 +25,9 @@ from ruledgraph.core.trajectory import Trajectory, read_tum
 from small_runs import smooth
 from small_simulation import frames, small_simulation, small_stream, write_small_recording
 
+# One worker makes what they share.
+pytestmark = pytest.mark.xdist_group("smooth command")
+
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory) -> Path:

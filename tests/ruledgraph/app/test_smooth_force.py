@@ -10,6 +10,9 @@ import pytest
 from small_runs import smooth
 from small_simulation import write_small_recording
 
+# One worker makes what they share.
+pytestmark = pytest.mark.xdist_group("smooth force")
+
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory) -> Path:

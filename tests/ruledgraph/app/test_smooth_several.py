@@ -17,6 +17,9 @@ from ruledgraph.app.cli import main
 from ruledgraph.core.trajectory import read_tum
 from small_simulation import small_simulation, write_small_recording
 
+# One worker makes what they share.
+pytestmark = pytest.mark.xdist_group("smooth several")
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:

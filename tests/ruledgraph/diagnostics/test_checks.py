@@ -23,6 +23,9 @@ from ruledgraph.diagnostics.readout_check import examine_readout
 from ruledgraph.recording import write_recording
 from small_simulation import SMALL, small_stream
 
+# One worker makes what they share.
+pytestmark = pytest.mark.xdist_group("checks")
+
 RATE = 200
 EPOCH = 10**18
 NOISE = ImuNoise(2.0e-4, 2.0e-3, 1e-5, 1e-4)

@@ -9,6 +9,9 @@ import pytest
 
 from ruledgraph.simulation import SCENES, Scene, make_scene
 
+# One worker makes what they share.
+pytestmark = pytest.mark.xdist_group("scenes")
+
 
 @pytest.fixture(scope="module", params=SCENES)
 def scene(request: pytest.FixtureRequest) -> Scene:

@@ -23,6 +23,9 @@ from ruledgraph.core.trajectory import read_tum
 from ruledgraph.visualization.rerun_log import RerunError, RerunLog
 from small_simulation import small_stream, write_small_recording
 
+# One worker makes what they share.
+pytestmark = pytest.mark.xdist_group("Rerun log")
+
 
 def smooth(recording: Path, *arguments: object) -> Result:
     calibration = recording.with_name("calib.yaml")

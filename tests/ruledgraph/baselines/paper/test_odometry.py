@@ -22,6 +22,9 @@ from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.recording import write_recording
 from ruledgraph.simulation import Simulation, simulate
 
+# One worker makes what they share.
+pytestmark = pytest.mark.xdist_group("paper odometry")
+
 
 @cache
 def recording(motion: str = "linear-parallel") -> tuple[Simulation, tuple[Measurement, ...]]:

@@ -23,6 +23,9 @@ from ruledgraph.core.trajectory import Trajectory, read_tum
 from ruledgraph.evaluation.ground_truth import GroundTruth
 from small_simulation import small_simulation, small_stream
 
+# One worker makes what they share.
+pytestmark = pytest.mark.xdist_group("report")
+
 NASTY = "<script>alert('1')</script>\"><img src=x onerror=alert(2)>&amp;"
 
 
