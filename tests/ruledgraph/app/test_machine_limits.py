@@ -95,6 +95,8 @@ def test_without_space_what_was_written_can_be_read(recording, tmp_path):
 def test_another_output_without_space_is_one_line(recording, tmp_path, option, name):
     more = [option, tmp_path / name] if name else [option]
     out = tmp_path / "out"
+    # Three seconds of every output have more than that.
+    more += ["--duration", 3]
     code, *lines = command(*smooth(recording, "--output", out, *more), largest=60 * KB)
     lines = [line for line in lines if not line.startswith(("warning: ", "\x1b"))]
     assert (code, len(lines)) == ("4", 1), lines
