@@ -59,9 +59,8 @@ def predict(
     at = [i for i, track in enumerate(tracks) if track.number in lines]
     own = [tracks[i] for i in at]
     known = [lines[track.number] for track in own]
-    poses = motion.world_T_before, motion.world_T_cam
     turned = by_rotation(own, motion.cam_R_before, 0.0, focal, ratio)
-    estimated = by_estimate(own, known, *poses, turned, focal, config, ratio)
+    estimated = by_estimate(own, known, motion, turned, focal, config)
     moved = np.einsum("nei,ni->ne", estimated.ends - turned.ends, normal_of(turned.ends)) * focal
     rates = (moved / max(motion.elapsed, _MIN_ELAPSED)).tolist()
     for track, (first, second) in zip(own, rates, strict=True):
@@ -102,41 +101,38 @@ def rotate_in_numpy(ends: FloatArray, cam_R_before: FloatArray, moved: FloatArra
 def by_estimate(
     tracks: Sequence[Track],
     lines: Sequence[LinePrediction],
-    world_T_before: gtsam.Pose3,
-    world_T_cam: gtsam.Pose3,
+    motion: CameraMotion,
     otherwise: Rulings,
     focal: float,
     config: TracksConfig = DEFAULTS.tracks,
-    focal_ratio: float = 1.0,
 ) -> Rulings:
     """Where lines appear: m_c = R^T (m - p x v), with the spread their covariance gives.
 
     Args:
         tracks: where they were seen in the last frame.
         lines: what is known of each of them.
-        world_T_before: camera pose at the last frame.
-        world_T_cam: camera pose now.
+        motion: of the camera since then.
         otherwise: the prediction for each without its depth: for ends that the line does not fix,
             and for a line through the camera's centre.
         focal: focal length, px, that tracks were normalised with.
         config: of tracks.
-        focal_ratio: of the camera's focal length to that.
     """
     if not lines:
         return otherwise
+    ratio = motion.focal_ratio
     arrays = _LineArrays(
         plucker=np.array([line.plucker for line in lines]),
         by_delta=np.array([line.plucker_by_delta for line in lines]),
         covariances=np.array([line.covariance for line in lines]),
-        seen=np.array([track.ends for track in tracks]) / focal_ratio,
+        seen=np.array([track.ends for track in tracks]) / ratio,
         floors=np.array([_floor(track) for track in tracks]),
     )
-    poses = world_T_before.matrix(), world_T_cam.matrix()
+    poses = motion.world_T_before.matrix(), motion.world_T_cam.matrix()
     predict_ends = kernel.native.predict_all if kernel.is_native() else predict_in_numpy
     limits = config.max_predicted_sigma_px, config.nearest
-    without_depth = otherwise.ends / focal_ratio, otherwise.sigmas
-    ends, sigmas = predict_ends(*arrays, *poses, *without_depth, focal * focal_ratio, *limits)
-    return Rulings(ends.reshape(-1, 2, 2) * focal_ratio, sigmas, otherwise.slopes)
+    without_depth = otherwise.ends / ratio, otherwise.sigmas
+    ends, sigmas = predict_ends(*arrays, *poses, *without_depth, focal * ratio, *limits)
+    return Rulings(ends.reshape(-1, 2, 2) * ratio, sigmas, otherwise.slopes)
 
 
 def _floor(track: Track) -> float:

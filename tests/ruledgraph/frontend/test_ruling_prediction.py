@@ -22,6 +22,7 @@ needs_native = pytest.mark.skipif(
 FOCAL = 300.0
 BEFORE = gtsam.Pose3(gtsam.Rot3.Ypr(0.1, -0.05, 0.02), np.array([0.2, -0.1, 0.3]))
 NOW = BEFORE.compose(gtsam.Pose3(gtsam.Rot3.Ypr(-0.03, 0.02, 0.01), np.array([0.05, 0.02, -0.1])))
+MOTION = CameraMotion(NOW.between(BEFORE).rotation().matrix(), 0.05, BEFORE, NOW)
 COVARIANCE = np.diag([1e-6, 4e-6, 2e-6, 1e-6])
 
 
@@ -50,7 +51,7 @@ def random_line(rng: np.random.Generator) -> tuple[Line, np.ndarray]:
 
 def estimated(lines: Sequence[Line], otherwise: Rulings) -> Rulings:
     tracks, known = [line.track for line in lines], [line.prediction for line in lines]
-    return by_estimate(tracks, known, BEFORE, NOW, otherwise, FOCAL)
+    return by_estimate(tracks, known, MOTION, otherwise, FOCAL)
 
 
 def test_a_known_line_appears_where_its_points_project():
@@ -76,7 +77,7 @@ def test_a_longer_focal_length_shows_lines_larger(ratio):
         rays = np.column_stack([line.track.ends, np.ones(2)]) @ turn.T
         np.testing.assert_allclose(ends, ratio * rays[:, :2] / rays[:, 2:], atol=1e-12)
     known = [line.prediction for line in lines]
-    predicted = by_estimate(tracks, known, BEFORE, NOW, rulings, FOCAL, focal_ratio=ratio)
+    predicted = by_estimate(tracks, known, MOTION._replace(focal_ratio=ratio), rulings, FOCAL)
     for own, ends in zip(predicted.ends, points, strict=True):
         np.testing.assert_allclose(own, ratio * seen(NOW, ends), atol=1e-9)
 
@@ -145,11 +146,10 @@ def test_the_rates_of_a_line_in_the_graph_are_those_that_its_estimate_means():
     for number, line in enumerate(lines):
         line.track.number, line.track.rates = number, (300.0, -200.0)  # of frames before
         known[number] = line.prediction
-    R = NOW.between(BEFORE).rotation().matrix()
-    rulings = predict(tracks, known, CameraMotion(R, 0.05, BEFORE, NOW), FOCAL)
-    again = by_rotation(tracks, R, 0.05, FOCAL)
+    rulings = predict(tracks, known, MOTION, FOCAL)
+    again = by_rotation(tracks, MOTION.cam_R_before, MOTION.elapsed, FOCAL)
     off = np.einsum("nei,ni->ne", rulings.ends - again.ends, normal_of(again.ends)) * FOCAL
-    moved = np.abs(0.05 * np.array([track.rates for track in tracks]))
+    moved = np.abs(MOTION.elapsed * np.array([track.rates for track in tracks]))
     # But for terms of the second order: ends move along the line, too, and that turns.
     assert np.abs(off).max() < 0.2
     assert moved.max() > 5.0
