@@ -174,7 +174,7 @@ def inspect_recording(
     def rotation(known: Calibration) -> Iterator[Finding]:
         # From where on it turns most.
         stretch = Recording(open_container(path), camera, imu, seen.liveliest(start or 0.0))
-        return check_rotation(stretch.stream(), known, config.start)
+        return check_rotation(stretch.stream(), known, config)
 
     report = recording.report
     info.topics = [container.describe(topic) for topic in container.topics]

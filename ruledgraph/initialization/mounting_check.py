@@ -24,6 +24,9 @@ _MIN_PAIRS = 20
 _BETTER = 0.7
 # px; good calibrations leave 0.10 to 0.15, those of another lens or of other axes 0.4 or more.
 _USUAL_ERROR = 0.3
+# A mirror turns rotations about its normal the same way, and those about other axes the other way:
+# as if the camera were turned by half a turn about that normal.
+_MIRRORS = {"left to right": (1.0, -1.0, -1.0), "upside down": (-1.0, 1.0, -1.0)}
 
 
 class MountingCheck(NamedTuple):
@@ -38,6 +41,9 @@ class MountingCheck(NamedTuple):
     mirrored: float
     """The same of the best mounting of an IMU that turns the other way, whose axes are left-handed,
     px; infinite where the error is usual."""
+    image_mirror: str = ""
+    """How images are mirrored that turn like the calibrated mounting with the best other one:
+    `left to right`, `upside down`, or empty."""
 
     @property
     def is_usual(self) -> bool:
@@ -56,18 +62,31 @@ class MountingCheck(NamedTuple):
 
     @property
     def text(self) -> str:
-        """What to say of either."""
+        """What to say of a mounting that is wrong."""
+        return self.message(from_images=False)
+
+    def message(self, *, from_images: bool) -> str:
+        """The same, where `extrinsics.from_images` may be set."""
         if self.is_mirrored:
             return (
                 f"image points disagree with the gyroscope by {self.error:.2g} px, and by "
                 f"{self.mirrored:.2g} px if it turned the other way: are its axes right-handed, as "
                 "x forward, y left, z up, and its rates counter-clockwise?"
             )
-        return (
-            f"T_cam_imu looks wrong: image points disagree with the gyroscope by {self.error:.2g} "
-            f"px, by {self.other:.2g} px with the rotation {self._rows} "
-            "(--set extrinsics.from_images=true uses it)"
+        use = "--set extrinsics.from_images=true uses it"
+        if from_images:
+            use = "extrinsics.from_images uses it"
+        disagrees = (
+            f"image points disagree with the gyroscope by {self.error:.2g} px, by "
+            f"{self.other:.2g} px with the rotation {self._rows} ({use}; the translation of "
+            "T_cam_imu has to be corrected, too)"
         )
+        if self.image_mirror:
+            return (
+                f"the images may be mirrored ({self.image_mirror}), for which no T_cam_imu is "
+                f"right: record them as the lens shows them; or T_cam_imu is wrong: {disagrees}"
+            )
+        return f"T_cam_imu looks wrong: {disagrees}"
 
     @property
     def _rows(self) -> str:
@@ -106,13 +125,27 @@ def check_mounting(
     others = list(_others(calibrated))
     errors = [error(mounting) for mounting in others]
     best = int(np.argmin(errors))
-    check = MountingCheck(error(calibrated), errors[best], others[best], np.inf)
+    check = MountingCheck(
+        error(calibrated),
+        errors[best],
+        others[best],
+        np.inf,
+        _image_mirror(calibrated, others[best]),
+    )
     if check.is_usual:
         return check
     # Rates in left-handed axes are those of a rotation the other way, in some right-handed ones.
     reversed_ = ImuSamples(samples.times, -samples.gyroscope, samples.accelerometer)
     mirrored = min(error(mounting, reversed_) for mounting in (calibrated, *others))
     return check._replace(mirrored=mirrored)
+
+
+def _image_mirror(calibrated: FloatArray, other: FloatArray) -> str:
+    """How images are mirrored that turn as if they were taken with another mounting, if any."""
+    for name, signs in _MIRRORS.items():
+        if np.allclose(calibrated * signs, other):
+            return name
+    return ""
 
 
 def _others(calibrated: FloatArray) -> Iterator[FloatArray]:
