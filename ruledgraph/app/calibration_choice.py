@@ -9,7 +9,7 @@ import click
 
 from ruledgraph.calibration import TYPICAL_IMU_NOISE, CalibrationError, read_calibration
 from ruledgraph.calibration.sensors import Calibration, ImuNoise
-from ruledgraph.recording import Recording, RecordingError
+from ruledgraph.recording import Kind, Recording, RecordingError
 from ruledgraph.recording.ros_calibration import recorded_camera
 
 
@@ -25,10 +25,14 @@ def calibration_for(
     Raises:
         RuledgraphError: when there is none, or it is no good.
     """
+    wanted = "pass --calibration FILE, such as Kalibr's camchain with T_cam_imu"
+    if not files and recording.kind == "asl" and not brings_calibration(path, recording.kind):
+        raise CalibrationError(
+            f"{path}: no calibration; {wanted}, or add cam0/sensor.yaml and imu0/sensor.yaml"
+        )
     if files or recording.kind == "asl":
         topic = recording.image_topic.name if recording.image_topic else None
         return calibration_of_files(files or [path], topic, camera, imu)
-    wanted = "pass --calibration FILE, such as Kalibr's camchain with T_cam_imu"
     try:
         model, body_T_cam = recorded_camera(recording)
     except RecordingError as error:
@@ -48,6 +52,11 @@ def calibration_for(
         err=True,
     )
     return Calibration(model, body_T_cam, _typical_noise(imu))
+
+
+def brings_calibration(path: Path, kind: Kind) -> bool:
+    """Whether a recording of a kind is a folder with EuRoC's `sensor.yaml` files."""
+    return kind == "asl" and any(path.rglob("sensor.yaml"))
 
 
 def calibration_of_files(

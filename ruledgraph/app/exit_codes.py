@@ -5,7 +5,8 @@
 SOME_FAILED = 1
 """Of several runs."""
 BAD_INPUT = 2
-"""A recording, calibration, setting or option; click's own code for wrong usage."""
+"""A recording, calibration, setting or option; of `info` also what is missing for `smooth`; click's
+own code for wrong usage."""
 NOTHING_ESTIMATED = 3
 NO_RESOURCES = 4
 """Without disk space, memory or threads."""

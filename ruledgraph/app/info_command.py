@@ -9,11 +9,13 @@ from typing import Any
 
 import click
 
-from ruledgraph.app.calibration_choice import calibration_of_files
+from ruledgraph.app import exit_codes
+from ruledgraph.app.calibration_choice import brings_calibration, calibration_of_files
 from ruledgraph.calibration import TYPICAL_IMU_NOISE
 from ruledgraph.calibration.sensors import D435I_LIKE, Calibration
 from ruledgraph.diagnostics.info import inspect_recording
 from ruledgraph.diagnostics.info_text import print_info
+from ruledgraph.recording import Kind
 
 
 def info_command(
@@ -29,9 +31,8 @@ def info_command(
 ) -> None:
     """See `ruledgraph info --help`."""
 
-    def calibrate(kind: str, image_topic: str | None) -> Calibration | None:
-        brings_its_own = kind == "asl" and any(recording.rglob("sensor.yaml"))
-        if not calibration_files and not brings_its_own:
+    def calibrate(kind: Kind, image_topic: str | None) -> Calibration | None:
+        if not calibration_files and not brings_calibration(recording, kind):
             return None
         files = calibration_files or [recording]
         return calibration_of_files(files, image_topic, camera, imu, readout)
@@ -44,3 +45,5 @@ def info_command(
         click.echo(json.dumps(found.as_dict(), indent=2))
     else:
         print_info(found)
+    if found.missing:
+        click.get_current_context().exit(exit_codes.BAD_INPUT)

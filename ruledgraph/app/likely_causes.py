@@ -33,4 +33,4 @@ def likely_causes(
         return [str(error)]
     # Mounting and clock are looked at last and explain most, then the calibration's figures.
     wrong = [finding.text for finding in reversed(info.findings) if not finding.good]
-    return [*info.missing, *wrong][:_MAX_CAUSES]
+    return [*info.missing, *info.unit_warnings, *wrong][:_MAX_CAUSES]

@@ -154,8 +154,9 @@ def _chosen(sources: _Sources, camera: str | None, image_topic: str | None) -> s
     cameras = sources.cameras
     if not cameras:
         raise CalibrationError(
-            f"{sources.files or 'no file given'}: T_cam_imu is missing, the camera's pose on the "
-            "IMU; add a file with cam0/T_cam_imu, such as Kalibr's camchain-imucam.yaml"
+            f"{sources.files or 'no file given'}: T_cam_imu is missing, the transform from IMU "
+            "to camera coordinates; add a file with cam0/T_cam_imu, such as Kalibr's "
+            "camchain-imucam.yaml"
         )
     flags = ", ".join(
         f"--camera {name}"
@@ -217,4 +218,4 @@ def _body_T_cam(sources: _Sources, name: str) -> gtsam.Pose3:
         imu = sources.imu
         rig_T_imu = imu.transform("T_BS") if imu and "T_BS" in imu.values else gtsam.Pose3()
         return rig_T_imu.inverse() * section.transform("T_BS") * section_T_cam
-    raise chosen.error("T_cam_imu", "is missing, the camera's pose on the IMU")
+    raise chosen.error("T_cam_imu", "is missing, the transform from IMU to camera coordinates")

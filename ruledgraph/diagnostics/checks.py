@@ -21,6 +21,8 @@ from ruledgraph.imu.rest import imu_rests
 _GRAVITY = 9.81
 # Fewer measurements are not judged.
 _ENOUGH = {"camera": 20, "IMU": 200}
+# Fewer images cannot be tracked.
+_FEWEST_IMAGES = 5
 # Readings in a row that are the same to the last bit, or at the largest value of their axis.
 _FROZEN, _SATURATES = 8, 4
 # Noise at rest is looked at where the body rests for so long, s.
@@ -107,6 +109,27 @@ def examine(
         yield from _at_rest(imu[resting].mean(axis=0), config.start.gyroscope_bias)
         if noise is not None:
             yield from _noise_at_rest(times, imu, resting, noise)
+
+
+def examine_length(seen: Observations, config: Config = DEFAULTS) -> Iterator[Finding]:
+    """Whether there are images enough to start, at rest or in motion."""
+    times = seen.times(seen.frame_stamps)
+    needed = config.start.shortest + config.integrity.trial_time
+    if len(times) < _FEWEST_IMAGES:
+        when = (
+            f"at {times[0]:.2f} s" if len(times) == 1 else f"until {max(times, default=0.0):.2f} s"
+        )
+        noun = "image" if len(times) == 1 else "images"
+        yield Finding(
+            False,
+            f"only {len(times)} {noun}, {when}: at least 10 Hz for {needed:.1f} s are needed",
+        )
+    elif times[-1] - times[0] < needed:
+        yield Finding(
+            False,
+            f"the recording is only {times[-1] - times[0]:.1f} s long: a start in motion takes at "
+            f"least {needed:.1f} s",
+        )
 
 
 def _ranges(imu: FloatArray) -> Iterator[Finding]:
@@ -258,8 +281,8 @@ def examine_calibration(
         if not least <= density <= most:
             yield Finding(
                 False,
-                f"a {name} noise density of {density:.2g} is no IMU's; densities are in SI units "
-                "by the root of Hz, not deviations of samples",
+                f"the {name}'s noise density of {density:.2g} is no IMU's; densities are in SI "
+                "units by the root of Hz, not deviations of samples",
             )
 
 

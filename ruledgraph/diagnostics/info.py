@@ -22,16 +22,17 @@ from ruledgraph.diagnostics.checks import (
     examine,
     examine_calibration,
     examine_camera_info,
+    examine_length,
 )
 from ruledgraph.diagnostics.extrinsics_check import check_rotation
 from ruledgraph.diagnostics.finding import Finding
 from ruledgraph.diagnostics.image_check import examine_image
 from ruledgraph.diagnostics.readout_check import examine_readout
 from ruledgraph.diagnostics.timing_plot import draw_timing
-from ruledgraph.recording.container import Container, RawMessage, Topic
+from ruledgraph.recording.container import Container, Kind, RawMessage, Topic
 from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.formats import open_container
-from ruledgraph.recording.images import Grey, decode_image
+from ruledgraph.recording.images import Grey, check_image, decode_image
 from ruledgraph.recording.messages import UnreadableMessageError, deserialise, stamp_of
 from ruledgraph.recording.recording import Recording
 from ruledgraph.recording.report import StampRange
@@ -98,6 +99,8 @@ class RecordingInfo:
     missing: list[str] = field(default_factory=list)
     """What stands in the way of using it."""
     warnings: list[str] = field(default_factory=list)
+    unit_warnings: list[str] = field(default_factory=list)
+    """Those of `warnings` that say what unit the IMU may have."""
     bytes_lost: int = 0
     findings: list[Finding] = field(default_factory=list)
     """Whether it is good for odometry."""
@@ -118,7 +121,7 @@ def inspect_recording(
     accelerometer_topic: str | None = None,
     start: float | None = None,
     duration: float | None = None,
-    calibrate: Callable[[str, str | None], Calibration | None] | None = None,
+    calibrate: Callable[[Kind, str | None], Calibration | None] | None = None,
     imu_noise: ImuNoise = D435I_LIKE,
     config: Config = DEFAULTS,
     plots: Path | None = None,
@@ -171,10 +174,13 @@ def inspect_recording(
         info.missing.append(str(error))
     container.finish()
 
-    def rotation(known: Calibration) -> Iterator[Finding]:
+    def rotation(known: Calibration) -> list[Finding]:
         # From where on it turns most.
         stretch = Recording(open_container(path), camera, imu, seen.liveliest(start or 0.0))
-        return check_rotation(stretch.stream(), known, config)
+        try:
+            return list(check_rotation(stretch.stream(), known, config))
+        except RecordingError:  # no images there, which is said below
+            return []
 
     report = recording.report
     info.topics = [container.describe(topic) for topic in container.topics]
@@ -189,6 +195,7 @@ def inspect_recording(
         begin = max(report.frames.first, report.imu.first)
         info.overlap = max(0, min(report.frames.last, report.imu.last) - begin) * 1e-9
     info.warnings = report.warnings
+    info.unit_warnings = report.unit_warnings
     info.bytes_lost = report.bytes_lost
     noise = calibration.imu_noise if calibration else None
     info.findings = list(examine(seen, noise, config))
@@ -207,6 +214,9 @@ def inspect_recording(
             info.findings += examine_camera_info(calibration.camera, recorded)
         if not info.missing:
             info.findings += rotation(calibration)
+    if camera is not None and not info.missing:
+        # Last, which is taken for the likeliest cause.
+        info.findings += examine_length(seen, config)
     if plots is not None:
         info.plot = str(draw_timing(seen, plots, config.rest))
     return info
@@ -281,7 +291,9 @@ class _Observed:
 
 
 class _FirstImages:
-    """Decodes the first images and then repeats the last of them."""
+    """Decodes the first images; of later ones it only sees whether their files are whole, and
+    repeats the last image for them.
+    """
 
     def __init__(self) -> None:
         self.latest: Grey | None = None
@@ -291,6 +303,8 @@ class _FirstImages:
         if self.latest is None or self._decoded < _FIRST_IMAGES:
             self.latest = decode_image(topic, message)
             self._decoded += 1
+        else:
+            check_image(topic, message)
         return self.latest
 
 

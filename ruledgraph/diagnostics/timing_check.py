@@ -16,6 +16,8 @@ _NEARLY = 0.98
 _IN_A_ROW = 10
 # A step this much longer than the usual one is a loss; more losses than this share are too many.
 _LOSS, _MAX_LOST = 1.6, 0.02
+# Scatter of the steps below this is rounding, s.
+_FINEST = 1e-6
 # Standard deviation of the steps that is still regular, of the usual step.
 _REGULAR = 0.25
 # Losses make longer steps only; where more than this share are shorter than half the usual one,
@@ -47,10 +49,12 @@ def examine_timing(name: str, times: FloatArray) -> Iterator[Finding]:
     if jitter > _REGULAR:
         yield _uneven(name, jitter)
     elif share <= _MAX_LOST:
+        scatter = max(float(kept.std()), _FINEST)
+        even = f"less than {1e3 * _FINEST:.3f}" if scatter == _FINEST else f"{1e3 * scatter:.2g}"
         yield Finding(
             True,
-            f"the {name}'s stamps come every {1e3 * usual:.3g} ms, even to {1e3 * kept.std():.2g} "
-            f"ms; {lost} missing",
+            f"the {name}'s stamps come every {1e3 * usual:.3g} ms, even to {even} ms; "
+            f"{lost} missing",
         )
 
 

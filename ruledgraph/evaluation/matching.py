@@ -29,6 +29,11 @@ def matched(estimate: Trajectory, reference: GroundTruth) -> tuple[Trajectory, G
     after = np.clip(np.searchsorted(stamps, estimate.stamps, side="left"), 1, len(stamps) - 1)
     inside = (estimate.stamps >= stamps[0]) & (estimate.stamps <= stamps[-1])
     inside &= (stamps[after] - stamps[after - 1]) * 1e-9 <= _LONGEST_STEP
+    if len(estimate) < MIN_POSES:
+        noun = "pose" if len(estimate) == 1 else "poses"
+        raise EvaluationError(
+            f"not computed: {len(estimate)} {noun}, at least {MIN_POSES} are needed"
+        )
     if inside.sum() < MIN_POSES:
         raise EvaluationError(
             f"{inside.sum()} of {len(estimate)} poses have ground truth at their time: "

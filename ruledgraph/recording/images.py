@@ -82,6 +82,21 @@ def decode_image(topic: Topic, message: RawMessage) -> Grey:
     return _decode_raw(image)
 
 
+def check_image(topic: Topic, message: RawMessage) -> None:
+    """See whether a PNG or JPEG is there and whole, without decoding it; others are not looked at.
+
+    Raises:
+        UnreadableMessageError: when it is missing or damaged.
+    """
+    if isinstance(message.data, Path):
+        data = read_image_file(message.data)
+    elif topic.type == "sensor_msgs/msg/CompressedImage":
+        data = deserialise(topic, message.data).data.tobytes()
+    else:
+        return
+    _check_file(data)
+
+
 def encoded_image(topic: Topic, message: RawMessage) -> bytes | None:
     """The PNG or JPEG in a message that can be decoded; None for any other image."""
     if isinstance(message.data, Path):
@@ -171,16 +186,8 @@ def decode_file(data: bytes) -> Grey:
     Raises:
         UnreadableMessageError: when it is damaged, or of another format.
     """
-    if data.startswith(_PNG):
-        width, height = _check_png(data)
-        flags = cv2.IMREAD_UNCHANGED
-    elif data.startswith(_JPEG):
-        width, height = _check_jpeg(data)
-        flags = cv2.IMREAD_GRAYSCALE
-    else:
-        raise UnreadableMessageError("a compressed image is neither JPEG nor PNG, or is damaged")
-    if not 0 < width * height <= _MAX_PIXELS:
-        raise UnreadableMessageError(f"a size of {width}x{height} is not plausible")
+    width, height = _check_file(data)
+    flags = cv2.IMREAD_UNCHANGED if data.startswith(_PNG) else cv2.IMREAD_GRAYSCALE
     try:
         pixels: _Pixels | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error:
@@ -193,6 +200,19 @@ def decode_file(data: bytes) -> Grey:
         code = cv2.COLOR_BGRA2GRAY if pixels.shape[2] == 4 else cv2.COLOR_BGR2GRAY
         pixels = cv2.cvtColor(pixels, code)
     return np.ascontiguousarray(pixels, dtype=np.uint8)
+
+
+def _check_file(data: bytes) -> tuple[int, int]:
+    """Width and height of a PNG or JPEG file that is whole, px."""
+    if data.startswith(_PNG):
+        width, height = _check_png(data)
+    elif data.startswith(_JPEG):
+        width, height = _check_jpeg(data)
+    else:
+        raise UnreadableMessageError("a compressed image is neither JPEG nor PNG, or is damaged")
+    if not 0 < width * height <= _MAX_PIXELS:
+        raise UnreadableMessageError(f"a size of {width}x{height} is not plausible")
+    return width, height
 
 
 def _check_png(data: bytes) -> tuple[int, int]:

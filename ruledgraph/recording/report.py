@@ -78,9 +78,9 @@ class Report:
     @property
     def warnings(self) -> list[str]:
         """One line for each thing that is not as it should be."""
-        lines = list(self.damage)[:_MAX_DAMAGE_LINES]
-        if len(self.damage) > len(lines):
-            lines.append(f"{len(self.damage) - len(lines)} more places are damaged")
+        lines = [*self.unit_warnings, *list(self.damage)[:_MAX_DAMAGE_LINES]]
+        if len(self.damage) > _MAX_DAMAGE_LINES:
+            lines.append(f"{len(self.damage) - _MAX_DAMAGE_LINES} more places are damaged")
         lines += [
             f"{n} {_plural('frame', n)} skipped: {why}" for why, n in self.skipped_frames.items()
         ]
@@ -96,16 +96,18 @@ class Report:
                 f"the IMU was silent {n} {_plural('time', n)}, for up to {longest:.2f} s: "
                 "each gap ends a segment"
             )
-        return lines + self._unit_warnings()
+        return lines
 
-    def _unit_warnings(self) -> list[str]:
+    @property
+    def unit_warnings(self) -> list[str]:
+        """What the mean norms of the readings say of their units, where these look wrong."""
         if self.imu.count < _ENOUGH_SAMPLES:
             return []
         lines = []
         force, rate = self.force_sum / self.imu.count, self.rate_sum / self.imu.count
         if not _PLAUSIBLE_FORCE[0] < force < _PLAUSIBLE_FORCE[1]:
             lines.append(
-                f"the mean accelerometer norm is {force:.3g}, not near 9.81 m/s^2{_guess(force)}"
+                f"the mean accelerometer norm is {force:.4g}, not near 9.81 m/s^2{_guess(force)}"
             )
         if rate > _PLAUSIBLE_RATE:
             lines.append(
@@ -119,6 +121,11 @@ def _guess(force: float) -> str:
     """What the mean norm of an accelerometer's readings can mean."""
     if 0.9 < force < 1.2:
         return "; is it in g? Multiply it by 9.81, that of iOS, which has the other sign, by -9.81"
+    if 900.0 < force < 1200.0:
+        units = ["in cm/s^2 (multiply it by 0.01)", "in mg (multiply it by 0.00981)"]
+        # Gravity is 981 of the former and 1000 of the latter.
+        first, second = units if force < 990.0 else units[::-1]
+        return f"; is it {first}, or {second}?"
     if force < _PLAUSIBLE_FORCE[0]:
         return "; was gravity taken out? Record the accelerometer, not the linear acceleration"
     return ""

@@ -148,22 +148,22 @@ class _Pass:
             raise RecordingError(
                 f"the stamps do not overlap: camera {_seconds(camera)}, IMU {_seconds(imu)}"
             )
-        for wanted, delivered, skipped, what in (
-            (self._source.image_topic, self._report.frames, self._report.skipped_frames, "frame"),
-            (self._source.imu_topics, self._report.imu, self._report.skipped_imu, "IMU sample"),
+        report = self._report
+        for wanted, delivered, skipped, own, what in (
+            (self._source.image_topic, report.frames, report.skipped_frames, camera, "frame"),
+            (self._source.imu_topics, report.imu, report.skipped_imu, imu, "IMU sample"),
         ):
             if wanted is None or delivered.count:
                 continue
-            stamps = [stamp for pair in self._ranges.values() for stamp in pair]
             if skipped:
                 why, n = skipped.most_common(1)[0]
                 raise RecordingError(f"no {what} could be used; {n} were skipped: {why}")
-            if stamps:
-                length = (max(stamps) - min(stamps)) * 1e-9
-                raise RecordingError(
-                    f"no {what} in the chosen stretch of time; the recording lasts {length:.2f} s"
-                )
-            raise RecordingError(f"no {what} could be read{first_of(self._report.damage)}")
+            if own is not None:
+                begin = min(stamp for pair in self._ranges.values() for stamp in pair)
+                first, last = ((stamp - begin) * 1e-9 for stamp in own)
+                there = f"{first:.2f} to {last:.2f} s" if last > first else f"{first:.2f} s alone"
+                raise RecordingError(f"no {what} in the stretch of time; there are some at {there}")
+            raise RecordingError(f"no {what} could be read{first_of(report.damage)}")
 
     def _check_size(self, image: Grey) -> None:
         if self._size is None:

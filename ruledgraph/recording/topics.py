@@ -110,7 +110,7 @@ def find_topic(topics: Collection[Topic], name: str) -> Topic:
     for topic in topics:
         if topic.name.strip("/") == name.strip("/"):
             return topic
-    raise RecordingError(f"no topic {name} ({_listing(topics)})")
+    raise RecordingError(f"no topic named {name!r} ({_listing(topics)})")
 
 
 def _half(

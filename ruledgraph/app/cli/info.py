@@ -28,6 +28,9 @@ def info(recording: Path, **options: Any) -> None:
     its stamps are read, so damage and gaps show. With a calibration its figures are looked at, too,
     and whether the images turn as the gyroscope does.
 
+    Lines begin with Good, Check (may cost accuracy or a start), Warning (was left out, or looks
+    wrong) or Missing (`smooth` cannot do without it). With any Missing the exit code is 2.
+
     \b
     Examples:
       ruledgraph info flight.bag --duration 30

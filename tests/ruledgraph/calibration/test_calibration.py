@@ -214,8 +214,8 @@ def test_camera_info_alone_has_no_pose(file):
     with pytest.raises(CalibrationError) as error:
         read_calibration(path)
     assert str(error.value) == (
-        f"{path}: T_cam_imu is missing, the camera's pose on the IMU; add a file with "
-        "cam0/T_cam_imu, such as Kalibr's camchain-imucam.yaml"
+        f"{path}: T_cam_imu is missing, the transform from IMU to camera coordinates; add a file "
+        "with cam0/T_cam_imu, such as Kalibr's camchain-imucam.yaml"
     )
 
 

@@ -29,7 +29,7 @@ from ruledgraph.calibration import CalibrationError, read_calibration
         ("  intrinsics: [458.5, 457.25, 367.0, 248.0]\n", "", "cam0/intrinsics is missing"),
         ("[752, 480]", "[752.5, 480]", "cam0/resolution = 752.5 x 480 is no image size"),
         ("[752, 480]", "[0, 480]", "cam0/resolution = 0 x 480 is no image size in pixels"),
-        ("T_cam_imu:", "T_imu_ca:", "cam0/T_cam_imu is missing, the camera's pose on the IMU"),
+        ("T_cam_imu:", "T_imu_ca:", "cam0/T_cam_imu is missing, the transform from IMU to camera"),
         ("[0.0, -1.0, 0.0, 0.2]", "[0.0, -1.0]", "cam0/T_cam_imu must be 16 numbers, not 14"),
         ("-1.0, 0.3]", "-1.01, 0.3]", "cam0/T_cam_imu has a rotation R with R R^T off the identi"),
         ("[0.0, -1.0, ", "[0.0, 1.0, ", "cam0/T_cam_imu has a mirrored rotation, with determina"),

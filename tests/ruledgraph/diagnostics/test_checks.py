@@ -228,7 +228,7 @@ CAMERA = CameraModel(640, 480, 385.0, 385.0, 320.0, 240.0)
         (
             {"imu_noise": dataclasses.replace(D435I_LIKE, gyroscope=0.1)},
             None,
-            "a gyroscope noise density of 0.1 is no IMU's",
+            "the gyroscope's noise density of 0.1 is no IMU's",
         ),
     ],
 )

@@ -20,6 +20,7 @@ from recordings import (
     imu,
     sequence,
     texture,
+    write_asl,
     write_bag,
 )
 from ruledgraph.calibration import write_kalibr
@@ -94,7 +95,7 @@ def test_info_without_camera_or_imu(kept: type, missing: str, tmp_path: Path) ->
     entries = entries_of(m for m in sequence() if isinstance(m, kept))
     path = write_bag(tmp_path / "a", "sqlite3", entries)
     result = run("info", path)
-    assert (result.returncode, result.stderr) == (0, "")
+    assert (result.returncode, result.stderr) == (2, "")
     assert f"Missing  {missing}" in result.stdout
     found = inspect_recording(path)
     assert (found.camera is None) == (kept is ImuSample)
@@ -108,7 +109,8 @@ def test_info_of_a_stretch_without_frames(tmp_path: Path) -> None:
     given = "--calibration", tmp_path / "calib.yaml", "--start", 100
     result = run("info", tmp_path / "a.bag", *given)
     assert "Traceback" not in result.stderr
-    assert result.returncode == 0
+    assert result.returncode == 2
+    assert "Missing  no " in result.stdout
 
 
 def test_info_says_what_is_wrong(tmp_path: Path) -> None:
@@ -117,14 +119,63 @@ def test_info_says_what_is_wrong(tmp_path: Path) -> None:
     entries.sort(key=lambda entry: entry.stamp)
     path = write_bag(tmp_path / "a.bag", "rosbag1", entries)
     result = run("info", path)
-    assert result.returncode == 0
+    assert result.returncode == 2
     assert (
         "Missing  several topics hold images, choose with: "
         "--image-topic /cam0 or --image-topic /cam1" in result.stdout
     )
     assert "the IMU was silent 1 time, for up to 0.70 s" in result.stdout
     assert "is it in g?" in result.stdout
-    assert "Missing" not in run("info", path, "--image-topic", "/cam1").stdout
+    chosen = run("info", path, "--image-topic", "/cam1")
+    assert chosen.returncode == 0
+    assert "Missing" not in chosen.stdout
+
+
+def test_info_of_stamps_that_do_not_overlap(tmp_path: Path) -> None:
+    later = [
+        e._replace(stamp=e.stamp + 100 * SECOND) if e.topic == "/imu0" else e
+        for e in entries_of(sequence())
+    ]
+    result = run("info", write_bag(tmp_path / "a.bag", "rosbag1", later), "--json")
+    assert result.returncode == 2
+    assert "the stamps do not overlap" in json.loads(result.stdout)["missing"][0]
+
+
+def test_info_counts_the_images_that_cannot_be_read(tmp_path: Path) -> None:
+    folder = write_asl(tmp_path / "asl", sequence(3.0))
+    images = sorted(folder.rglob("cam0/data/*.png"))
+    for image_file in images[8:12]:
+        image_file.unlink()
+    for image_file in images[20:23]:
+        image_file.write_bytes(image_file.read_bytes()[:-20])
+    found = inspect_recording(folder)
+    assert found.camera is not None
+    assert found.camera.count == 23
+    assert "4 frames skipped: its image file is missing" in found.warnings
+    assert "3 frames skipped: a PNG image is cut" in found.warnings
+
+
+def test_info_of_a_single_image(tmp_path: Path) -> None:
+    stream, calibration = small_stream(duration=4.5)
+    one = next(m for m in stream if isinstance(m, Frame))
+    kept = [m for m in stream if m is one or isinstance(m, ImuSample)]
+    write_recording(kept, tmp_path / "a.bag", "rosbag1")
+    found = inspect_recording(tmp_path / "a.bag", calibrate=lambda *_: calibration)
+    at = (one.stamp - stream[0].stamp) * 1e-9
+    said = f"only 1 image, at {at:.2f} s: at least 10 Hz for 1.6 s are needed"
+    assert found.findings[-1].text == said
+
+
+def test_info_of_a_recording_that_is_too_short_to_start_in_motion(tmp_path: Path) -> None:
+    stream, _ = small_stream(duration=4.5)
+    for length, is_short in ((1.0, True), (2.5, False)):
+        path = tmp_path / f"{length}.bag"
+        write_recording(
+            [m for m in stream if m.stamp < stream[0].stamp + length * 1e9], path, "rosbag1"
+        )
+        found = inspect_recording(path)
+        texts = [finding.text for finding in found.findings if not finding.good]
+        assert any("long: a start in motion takes at least" in text for text in texts) == is_short
 
 
 def test_export(tmp_path: Path) -> None:

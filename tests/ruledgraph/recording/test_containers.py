@@ -172,7 +172,9 @@ def test_messages_of_other_topics(tmp_path: Path) -> None:
     messages = list(recording.messages("imu0"))
     assert [stamp for stamp, _ in messages] == stamps
     assert messages[0][1].linear_acceleration.x == measurements[0][2][0]  # type: ignore[index]
-    with pytest.raises(RecordingError, match=r"no topic /tf \(topics: /cam0/image_raw, /imu0\)"):
+    with pytest.raises(
+        RecordingError, match=r"no topic named '/tf' \(topics: /cam0/image_raw, /imu0\)"
+    ):
         next(recording.messages("/tf"))
 
 

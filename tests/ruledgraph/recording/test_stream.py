@@ -113,7 +113,7 @@ def rubbish(entry: Entry) -> dict[str, object]:
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"start": 100.0}, "in the chosen stretch of time; the recording lasts 0.99 s"),
+        ({"start": 100.0}, "no frame in the stretch of time; there are some at 0.00 to 0.90 s"),
         ({"start": -1.0}, "start must be a number of seconds, got -1.0"),
         ({"start": float("nan")}, "start must be a number of seconds, got nan"),
         ({"duration": 0.0}, "duration must be positive"),
@@ -282,7 +282,8 @@ def test_stamps_that_do_not_overlap(record: Callable[..., Recording]) -> None:
     [
         ((0.1, 0.0, 0.0), (0.0, 0.0, 1.0), "norm is 1, not near 9.81 m/s^2; is it in g?"),
         ((0.1, 0.0, 0.0), (0.0, 0.3, 0.0), "norm is 0.3, not near 9.81 m/s^2; was gravity taken"),
-        ((0.1, 0.0, 0.0), (0.0, 0.0, 980.0), "norm is 980, not near 9.81 m/s^2"),
+        ((0.1, 0.0, 0.0), (0.0, 0.0, 980.0), "norm is 980, not near 9.81 m/s^2; is it in cm/s^2 ("),
+        ((0.1, 0.0, 0.0), (0.0, 0.0, 1000.0), "norm is 1000, not near 9.81 m/s^2; is it in mg ("),
         ((30.0, 0.0, 0.0), (0.0, 0.0, 9.8), "norm is 30 rad/s, faster than a camera can follow"),
     ],
 )

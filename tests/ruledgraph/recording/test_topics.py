@@ -88,7 +88,7 @@ def test_no_imu() -> None:
 @pytest.mark.parametrize(
     ("wanted", "text"),
     [
-        ("/nowhere", r"no topic /nowhere \(topics: /cam0, /imu0\)"),
+        ("/nowhere", r"no topic named '/nowhere' \(topics: /cam0, /imu0\)"),
         ("/imu0", "is of type sensor_msgs/msg/Imu, it holds no images; use one of: --image-topic"),
         ("/empty", "/empty has no messages, it holds no images"),
     ],
