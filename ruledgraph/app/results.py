@@ -45,6 +45,7 @@ _STATE_COLUMNS = [
     "status",
     "segment",
 ]
+_FRAME_COLUMNS = ["stamp", "lines", "status", "segment"]
 _COVARIANCE = ("xx", "xy", "xz", "yy", "yz", "zz")
 _LINE_COLUMNS = [
     "line",
@@ -57,6 +58,9 @@ _LINE_COLUMNS = [
     "segment",
 ]
 
+
+FRAMES_FILE = "live_frames.csv"
+"""Has the status of each frame."""
 
 # Kept free for what is written at the end, bytes: the poses and lines of the window, and the
 # summary that says why it ended, for want of space, too.
@@ -81,6 +85,7 @@ class Results(Closing):
     - `states.csv`: at each state when it was new: velocity, biases, gravity, standard deviations
       (rotation and position in the body frame), time offset, normalised innovation squared and its
       degrees of freedom, lines in view, status, segment;
+    - `live_frames.csv`: of each frame with a live estimate, lines in view, status, segment;
     - `lines.csv`: end points in the world, their covariance, first and last stamp, edge points,
       sightings that were merged, segment; while it runs, lines as they left the window, one
       sighting each, and at the end the map, see `merged_lines`;
@@ -108,8 +113,9 @@ class Results(Closing):
                 write_whole(self._reserve, bytes(_RESERVE))
             self._live = TumWriter(folder / "trajectory_live.tum")
             self._smoothed = TumWriter(folder / "trajectory.tum")
-            self._states_file, self._states = _table(folder / "states.csv", _STATE_COLUMNS)
-            self._lines_file, self._lines = _table(folder / "lines.csv", _LINE_COLUMNS)
+            self._states = _Table(folder / "states.csv", _STATE_COLUMNS)
+            self._frames = _Table(folder / FRAMES_FILE, _FRAME_COLUMNS)
+            self._lines = _Table(folder / "lines.csv", _LINE_COLUMNS)
             kinds = [TRAJECTORY_FORMATS[name] for name in formats]
             self._more_live = [kind(folder, "trajectory_live") for kind in kinds]
             self._more_smoothed = [kind(folder, "trajectory") for kind in kinds]
@@ -144,8 +150,9 @@ class Results(Closing):
         self._live.append(estimate.stamp, estimate.world_T_body)
         for file in self._more_live:
             file.append(estimate)
+        self._frames.write(_frame_row(estimate))
         if estimate.at_state:
-            self._states.writerow(_state_row(estimate, self._config.imu.gravity_in_world))
+            self._states.write(_state_row(estimate, self._config.imu.gravity_in_world))
 
     def _append_smoothed(self, estimate: Any) -> None:
         self._smoothed.append(estimate.stamp, estimate.world_T_body)
@@ -154,7 +161,7 @@ class Results(Closing):
 
     def _append_line(self, line: Any) -> None:
         self.lines.append(line)
-        self._lines.writerow(_line_row(line))
+        self._lines.write(_line_row(line))
 
     def use_reserve(self) -> None:
         """Give back the space that was kept for the end."""
@@ -177,7 +184,7 @@ class Results(Closing):
             MachineError: when that does not fit; `lines.csv` stays as it was then.
         """
         self.use_reserve()
-        for file in (self._live, self._smoothed, self._states_file, self._lines_file):
+        for file in (self._live, self._smoothed, self._states, self._frames, self._lines):
             file.close()
         for more in (*self._more_live, *self._more_smoothed):
             more.close()
@@ -198,11 +205,23 @@ def _appended(append: Callable[[Any], None], items: Sequence[Any]) -> MachineErr
     return None
 
 
-def _table(path: Path, columns: list[str]) -> tuple[AppendOnlyFile, Any]:
-    file = AppendOnlyFile(path)
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(columns)
-    return file, writer
+class _Table:
+    """A CSV file that grows row by row."""
+
+    def __init__(self, path: Path, columns: list[str]) -> None:
+        self._file = AppendOnlyFile(path)
+        self._writer = csv.writer(self._file, lineterminator="\n")
+        self.write(columns)
+
+    def write(self, row: Sequence[Any]) -> None:
+        self._writer.writerow(row)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def _frame_row(estimate: Estimate) -> list[Any]:
+    return [seconds(estimate.stamp), estimate.lines, estimate.status, estimate.segment]
 
 
 def _state_row(estimate: Estimate, gravity: FloatArray) -> list[Any]:

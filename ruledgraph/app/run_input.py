@@ -30,7 +30,7 @@ class RunInput:
         return []
 
     def likely_causes(self) -> list[str]:
-        """Why few frames may have been estimated, likeliest first; asked at the end of a run."""
+        """Why few estimates may be reliable, likeliest first; asked at the end of a run."""
         return []
 
 

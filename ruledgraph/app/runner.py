@@ -23,7 +23,7 @@ from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.odometry import Odometry
 from ruledgraph.recording.read_ahead import read_ahead
 
-# With estimates of fewer frames than this share, the likely causes are looked for.
+# With reliable estimates of fewer frames than this share, the likely causes are looked for.
 _FEW = 0.5
 # Measurements read ahead, a few frames' worth.
 _READ_AHEAD = 64
@@ -90,7 +90,7 @@ def run(
         if caught.number:
             summary["signal"] = caught.number
         with first.kept():
-            if ended == "complete" and tally.estimates < _FEW * max(tally.frames, 1):
+            if ended == "complete" and tally.reliable < _FEW * max(tally.frames, 1):
                 summary["likely_causes"] = given.likely_causes()
             if given.ground_truth is not None and tally.estimates:
                 summary["accuracy"] = accuracies(output, given.ground_truth)

@@ -15,7 +15,7 @@ from ruledgraph.app import exit_codes
 from ruledgraph.app.outputs import Outputs
 from ruledgraph.app.progress import progress_bar
 from ruledgraph.app.remove_existing import remove_existing, remove_existing_results
-from ruledgraph.app.results import default_folder
+from ruledgraph.app.results import FRAMES_FILE, default_folder
 from ruledgraph.app.run_input import RecordedInput
 from ruledgraph.app.runner import run
 from ruledgraph.app.smooth_options import SmoothOptions
@@ -108,9 +108,13 @@ def _tell(summary: dict[str, Any], output: Path, verbose: bool, rerun: Path | No
     rest = summary["warnings_left_off"] + (0 if verbose else len(warnings) - _FEW_WARNINGS)
     if rest > 0:
         click.echo(f"warning: and {rest} more, see {output / 'summary.json'}", err=True)
-    for status, meaning in _STATUS_MEANINGS.items():
-        if count := summary["status"].get(status, 0):
-            click.echo(f"{count} frames {status}: {meaning}")
+    told = {status: summary["status"].get(status, 0) for status in _STATUS_MEANINGS}
+    for status, count in told.items():
+        if count:
+            noun = "frame" if count == 1 else "frames"
+            click.echo(f"{count} {noun} {status}: {_STATUS_MEANINGS[status]}")
+    if any(told.values()):
+        click.echo(f"the status of each frame: {output / FRAMES_FILE}")
     if verbose:
         for stage, times in summary["stages"].items():
             click.echo(

@@ -48,6 +48,11 @@ class Tally:
     edge_sigmas_px: list[float] = field(default_factory=list)
 
     @property
+    def reliable(self) -> int:
+        """Estimates that are not `degraded`."""
+        return self.estimates - self.statuses["degraded"]
+
+    @property
     def seconds(self) -> float:
         """From the first frame to the last."""
         return 0.0 if self.first_stamp is None else (self.last_stamp - self.first_stamp) * 1e-9

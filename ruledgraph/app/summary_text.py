@@ -45,12 +45,12 @@ def _frames(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         statuses = summary["status"].items()
         yield "Status", ", ".join(f"{name} {100 * n / frames:.1f} %" for name, n in statuses)
     recoveries, sightings = len(summary["recoveries"]), summary["line_sightings"]
-    noun = "recovery" if recoveries == 1 else "recoveries"
+    times = "once" if recoveries == 1 else f"{recoveries} times"
     yield (
         "Lines",
         f"{summary['lines']} in the map, seen {sightings} times, "
         f"{summary['lines_in_view']:.1f} in view on average"
-        + (f"; {recoveries} {noun}" if recoveries else ""),
+        + (f"; smoother rebuilt {times}" if recoveries else ""),
     )
 
 

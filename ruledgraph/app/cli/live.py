@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The options of `ruledgraph live`."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from ruledgraph.app.cli.options import calibration_options, force_option, settin
     required=True,
     help="Read the connected RealSense camera with an IMU; needs the package pyrealsense2.",
 )
-@calibration_options
+@partial(calibration_options, without="Without it the camera's own figures are taken.")
 @click.option(
     "--resolution",
     metavar="WxH",

@@ -67,8 +67,16 @@ def settings_options(command: _Command) -> _Command:
     return command
 
 
-def calibration_options(command: _Command) -> _Command:
-    """The calibration that goes with a recording."""
+def calibration_options(
+    command: _Command,
+    without: str = "A bag with camera_info and /tf_static needs none.",
+) -> _Command:
+    """The calibration that goes with a recording.
+
+    Args:
+        command: that gets the options.
+        without: says what happens without `--calibration`.
+    """
     for option in reversed(
         (
             click.option(
@@ -78,7 +86,7 @@ def calibration_options(command: _Command) -> _Command:
                 multiple=True,
                 metavar="FILE",
                 help="Read Kalibr YAML, EuRoC sensor.yaml or its folder; repeat it for camera and "
-                "IMU files. A bag with camera_info and /tf_static can do without.",
+                f"IMU files. {without}",
             ),
             click.option(
                 "--camera",
@@ -88,8 +96,7 @@ def calibration_options(command: _Command) -> _Command:
             click.option(
                 "--imu",
                 type=click.Choice(["d435i", "adis16448"]),
-                help="Take this sensor's typical IMU noise, where the calibration has none, as a "
-                "bag's own.",
+                help="Take this sensor's typical IMU noise, where the calibration has none.",
             ),
             click.option(
                 "--readout",

@@ -95,6 +95,13 @@ def test_columns_of_the_states(folder):
     assert (float(row["time_offset"]), float(row["sigma_time_offset"])) == (0.004, 0.0005)
 
 
+def test_each_live_frame_has_its_status(folder):
+    assert table(folder / "live_frames.csv") == [
+        {"stamp": stamp, "lines": "17", "status": "still", "segment": "3"}
+        for stamp in ("1.500000000", "1.600000000")
+    ]
+
+
 def test_columns_of_the_lines(folder):
     (row,) = table(folder / "lines.csv")
     expected = line()

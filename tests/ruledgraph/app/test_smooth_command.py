@@ -9,6 +9,7 @@ import os
 import re
 import signal
 import threading
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.measurements import ImuSample
 from ruledgraph.core.settings import load_config
 from ruledgraph.core.trajectory import Trajectory, read_tum
+from ruledgraph.recording import write_recording
 from small_runs import smooth
 from small_simulation import frames, small_simulation, small_stream, write_small_recording
 
@@ -296,3 +298,36 @@ def test_a_readout_that_cannot_be_is_refused(recording, tmp_path, readout, messa
     assert result.exit_code == 2, result.output
     assert message in result.output
     assert "Traceback" not in result.output
+
+
+@pytest.mark.parametrize("status", ["degraded", "tracking"])
+def test_the_causes_are_said_where_few_estimates_are_reliable(tmp_path, status):
+    """Velocities that count as known, or not."""
+
+    class Input(RunInput):
+        def likely_causes(self):
+            return ["a cause"]
+
+    stream, calibration = small_stream(moving=True)
+    sigma = 0.001 if status == "degraded" else 10.0
+    config = load_config(None, [f"integrity.tracking_velocity_sigma={sigma}"])
+    summary = run(Input(stream, calibration), config, tmp_path / "out")
+    assert summary["frames_estimated"] > 0.5 * summary["frames"]
+    assert summary["status"][status] > 0.5 * summary["frames"]
+    assert summary.get("likely_causes", []) == (["a cause"] if status == "degraded" else [])
+
+
+def test_a_folder_without_calibration_is_told_what_to_pass(tmp_path):
+    write_recording(small_stream(duration=1.0)[0], tmp_path / "asl", "asl")
+    result = smooth(tmp_path / "asl", "--output", tmp_path / "out")
+    assert result.exit_code == 2
+    assert f"{tmp_path / 'asl'}: no calibration; pass --calibration FILE" in result.output
+
+
+def test_the_console_says_where_the_status_of_each_frame_is(results):
+    output, result = results
+    assert f"the status of each frame: {output / 'live_frames.csv'}" in result.output
+    with (output / "live_frames.csv").open() as file:
+        statuses = Counter(row["status"] for row in csv.DictReader(file))
+    summary = json.loads((output / "summary.json").read_text())
+    assert statuses == {k: n for k, n in summary["status"].items() if k != "without estimate"}

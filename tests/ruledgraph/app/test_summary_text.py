@@ -62,7 +62,8 @@ def test_errors_offset_and_recoveries_where_there_are_some():
     )
     assert found["ATE live"] == "no overlap"
     assert found["Time offset"] == "t_imu - t_cam = -1.51 ± 0.10 ms, estimated; +2.0 ms as given"
-    assert found["Lines"].endswith("; 1 recovery")
+    assert found["Lines"].endswith("; smoother rebuilt once")
+    assert rows(recoveries=["at 1 s", "at 2 s"])["Lines"].endswith("; smoother rebuilt 2 times")
     assert rows(time_offset=offset | {"estimated": False})["Time offset"] == (
         "+2.0 ms as given, not estimated"
     )
