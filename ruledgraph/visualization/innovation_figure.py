@@ -46,13 +46,14 @@ def innovation_figure(run: RunTables) -> Figure | None:
             weights = np.full(_MEAN_OVER, 1.0 / _MEAN_OVER)
             means = _apart(*(np.convolve(row, weights, "valid") for row in (times, ratio)))
             axes.plot(*means, color=style.SMOOTHED, label=f"mean of {_MEAN_OVER} states")
-        axes.axhline(1.0, color=style.MUTED, lw=0.8)
+        meaning = "1: errors as the noise figures say; above it larger, below it smaller"
+        axes.axhline(1.0, color=style.MUTED, lw=0.8, label=meaning)
         axes.set_yscale("log")
         axes.set_title("normalised innovation squared per degree of freedom")
         share = f"mean {nis.sum() / dof.sum():.2f} (1 expected), {100 * inside:.0f} % within bounds"
         axes.set_title(share, loc="right", fontweight="normal", fontsize=8.5)
         axes.set_xlabel("time (s)")
-        figure.legend(loc="outside lower center", ncols=3, fontsize=8.5)
+        figure.legend(loc="outside lower center", ncols=4, fontsize=8.5)
     return figure
 
 

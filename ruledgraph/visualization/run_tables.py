@@ -4,6 +4,7 @@
 
 import csv
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,6 +70,30 @@ class RunTables:
         return sorted(
             ((a - first) * 1e-9, (b - first) * 1e-9) for a, b in found if b - a > _GAP * usual
         )
+
+
+def broken(
+    times: FloatArray, gaps: Sequence[tuple[float, float]], *rows: FloatArray, hold: bool = False
+) -> list[FloatArray]:
+    """Times and rows with NaN in gaps, so that nothing is drawn across them.
+
+    Args:
+        times: s, (N,), in order.
+        gaps: from, to, s.
+        rows: of N values.
+        hold: whether values last until the gap, as in steps.
+    """
+    found = [times, *rows]
+    # From the last one on: the indices of those before stay.
+    for start, stop in sorted(gaps, reverse=True):
+        after = int(np.searchsorted(times, 0.5 * (start + stop)))
+        if not 0 < after < len(times):
+            continue
+        last = [start, *(row[after - 1] for row in rows)]
+        end = [start, *([np.nan] * len(rows))]
+        for point in (end, last) if hold else (end,):
+            found = [np.insert(row, after, x) for row, x in zip(found, point, strict=True)]
+    return found
 
 
 def read_run_tables(folder: Path) -> RunTables:

@@ -16,30 +16,32 @@ from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import EvaluationError, matched
 from ruledgraph.evaluation.ground_truth import GroundTruth
 from ruledgraph.evaluation.matching import yaw_alignment
-from ruledgraph.visualization.run_tables import RunTables
+from ruledgraph.visualization.run_tables import RunTables, broken
 
 # A band's widest times, those after a start, do not set the limits.
 _SHOWN = 0.97
 _HEADROOM = 1.12
 _STATES = (
-    ("velocity", "velocity", "m/s", 1.0),
-    ("gyroscope_bias", "gyroscope bias", "mrad/s", 1e3),
-    ("accelerometer_bias", "accelerometer bias", "m/s²", 1.0),
+    ("velocity", "velocity", "world", "m/s", 1.0),
+    ("gyroscope_bias", "gyroscope bias", "body", "mrad/s", 1e3),
+    ("accelerometer_bias", "accelerometer bias", "body", "m/s²", 1.0),
 )
 
 
 def state_figure(run: RunTables) -> Figure:
     """Velocity in the world and IMU biases at each state when it was new, with 3 sigma."""
+    gaps = run.missing()
     with style.figure_style():
         figure = style.new_figure(12.0, 7.2)
         grid = figure.subplots(3, 3, sharex=True)
-        for row, (column, name, unit, scale) in zip(grid, _STATES, strict=True):
+        for row, (column, name, frame, unit, scale) in zip(grid, _STATES, strict=True):
             values = scale * run.vectors(column)
             sigmas = scale * run.vectors(f"sigma_{column}")
             for i, axes in enumerate(row):
-                axes.set_title(f"{name} {'xyz'[i]}")
-                _band(axes, run.times, values[:, i], sigmas[:, i], style.AXES[i])
-                axes.plot(run.times, values[:, i], color=style.AXES[i])
+                axes.set_title(f"{name} {'xyz'[i]}, {frame}")
+                times, value, sigma = broken(run.times, gaps, values[:, i], sigmas[:, i])
+                _band(axes, times, value, sigma, style.AXES[i])
+                axes.plot(times, value, color=style.AXES[i])
             row[0].set_ylabel(unit)
             for axes, (low, high) in zip(row, _limits(values, sigmas), strict=True):
                 axes.set_ylim(low, high)
@@ -68,7 +70,7 @@ def consistency_figure(run: RunTables, truth: GroundTruth) -> Figure | None:
     kinds = [("position", "mm", 1e3, error[:, 3:])]
     if truth.quaternions is not None:
         kinds.append(("rotation", "deg", 180.0 / np.pi, error[:, :3]))
-    times = run.times[at]
+    gaps = run.missing()
     with style.figure_style():
         figure = style.new_figure(12.0, 0.9 + 2.4 * len(kinds))
         grid = figure.subplots(len(kinds), 3, sharex=True, sharey="row", squeeze=False)
@@ -79,8 +81,10 @@ def consistency_figure(run: RunTables, truth: GroundTruth) -> Figure | None:
                 axes.set_title(f"{name} error, body {'xyz'[i]}")
                 share = f"{100 * inside:.0f} % within 3 sigma"
                 axes.set_title(share, loc="right", fontweight="normal", fontsize=8.5)
-                _band(axes, times, np.zeros(len(times)), scale * sigmas[:, i], style.AXES[i])
-                axes.plot(times, scale * errors[:, i], color=style.AXES[i])
+                shown = scale * sigmas[:, i], scale * errors[:, i]
+                times, sigma, value = broken(run.times[at], gaps, *shown)
+                _band(axes, times, np.zeros(len(times)), sigma, style.AXES[i])
+                axes.plot(times, value, color=style.AXES[i])
                 axes.axhline(0.0, color=style.MUTED, lw=0.6)
             row[0].set_ylabel(unit)
             half = scale * max(float(np.abs(errors).max()), 3.0 * np.quantile(sigmas, _SHOWN))
@@ -137,15 +141,16 @@ def status_figure(run: RunTables) -> Figure:
     with style.figure_style():
         figure = style.new_figure(12.0, 4.4)
         lines, sigma, strip = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 1))
-        times = run.times
+        gaps = run.missing()
         counts = run.states.get("lines", np.zeros(0))
+        times, counts = broken(run.times, gaps, counts, hold=True)
         lines.fill_between(times, counts, step="post", color=style.SMOOTHED, alpha=0.25, lw=0)
         lines.step(times, counts, where="post", color=style.SMOOTHED)
         lines.set_title("lines in view")
         lines.set_ylim(bottom=0.0)
-        if len(times):
+        if len(run.times):
             total = 1e3 * np.linalg.norm(run.vectors("sigma_position"), axis=1)
-            sigma.plot(times, total, color=style.SMOOTHED)
+            sigma.plot(*broken(run.times, gaps, total), color=style.SMOOTHED)
         sigma.set_title("standard deviation of the live position (mm)")
         sigma.set_ylim(bottom=0.0)
         draw_status(strip, run)

@@ -30,6 +30,8 @@ _NARROWEST = 0.3
 # The path is enlarged where it takes less than this of the views.
 _SMALL = 0.6
 _MAX_PIECES = 4000
+# Of the path in the legend.
+_LEGEND_COLORS = 6
 # A step between poses this many times the usual one interrupts the path.
 _BREAK = 5.0
 
@@ -51,14 +53,16 @@ class DrawnPath:
     label: str
     breaks: NDArray[np.bool_]
     """Whether the path is interrupted after a pose, (N - 1,)."""
+    live_breaks: NDArray[np.bool_]
+    """The same of the live one, (M - 1,)."""
 
 
 def trajectory_figure(run: RunTables, truth: GroundTruth | None) -> Figure:
     """Draw the smoothed path, coloured by error (without ground truth by time), and the lines.
 
     Ground truth is aligned to the estimate by a rigid motion. Views share their axes: the front
-    lies below the top view, the side to its right, as in an engineering drawing. In the corner
-    that is left the path is enlarged, without the lines.
+    lies below the top view, the side to its right, as in an engineering drawing; z points up in
+    both. In the corner that is left the path is enlarged, without the lines.
     """
     path = path_of(run, truth)
     ends = shown_lines(run)
@@ -68,8 +72,11 @@ def trajectory_figure(run: RunTables, truth: GroundTruth | None) -> Figure:
         for axes, a, b in drawing.views:
             colored = _draw_view(axes, path, ends, a, b)
         handles, labels = axes.get_legend_handles_labels()
-        # A legend shows one colour of a path that has many.
-        handles[labels.index("smoothed")] = Line2D([], [], color=colored.cmap(0.35), lw=2.0)
+        # A legend would show one colour of a path that has many.
+        handles[labels.index("smoothed")] = tuple(
+            Line2D([], [], color=colored.cmap(share), lw=2.0, solid_capstyle="butt")
+            for share in np.linspace(0.0, 1.0, _LEGEND_COLORS)
+        )
         drawing.legend(handles, labels)
         drawing.color_bar(colored, path.label)
         extent = np.ptp(path.smoothed, axis=0)
@@ -79,8 +86,7 @@ def trajectory_figure(run: RunTables, truth: GroundTruth | None) -> Figure:
             _draw_view(close, path, ends[:0], a, b)
             close.margins(0.08)
             close.set_aspect("equal", adjustable="datalim")
-            close.set_title(f"path, enlarged: {'xyz'[a]} and {'xyz'[b]} (m)")
-            close.locator_params(nbins=6)
+            close.set(title="enlarged", xlabel=f"{'xyz'[a]} (m)", ylabel=f"{'xyz'[b]} (m)")
     return drawing.figure
 
 
@@ -129,11 +135,22 @@ def path_of(run: RunTables, truth: GroundTruth | None) -> DrawnPath:
     if true_positions is not None:
         values = 1e3 * np.linalg.norm(shown.positions - true_positions, axis=1)
         label = "position error (mm)"
-    steps = np.diff(times)
-    breaks = steps > _BREAK * np.median(steps) if len(steps) else np.zeros(0, dtype=np.bool_)
     return DrawnPath(
-        shown.positions, times, run.live.positions, true_positions, values, label, breaks
+        shown.positions,
+        times,
+        run.live.positions,
+        true_positions,
+        values,
+        label,
+        _breaks(times),
+        _breaks(run.since_start(run.live)),
     )
+
+
+def _breaks(times: FloatArray) -> NDArray[np.bool_]:
+    """After which poses, (N - 1,), at these times a path is interrupted."""
+    steps = np.diff(times)
+    return steps > _BREAK * np.median(steps) if len(steps) else np.zeros(0, dtype=np.bool_)
 
 
 def _draw_view(axes: Any, path: DrawnPath, ends: FloatArray, a: int, b: int) -> LineCollection:
@@ -142,8 +159,10 @@ def _draw_view(axes: Any, path: DrawnPath, ends: FloatArray, a: int, b: int) -> 
     lines.set_label("line map")
     axes.add_collection(lines)
     if path.truth is not None:
-        axes.plot(*path.truth[:, pair].T, color=style.TRUTH, lw=3.2, alpha=0.25, label="truth")
-    axes.plot(*path.live[:, pair].T, color=style.LIVE, lw=1.0, label="live")
+        truth = np.insert(path.truth, np.flatnonzero(path.breaks) + 1, np.nan, axis=0)
+        axes.plot(*truth[:, pair].T, color=style.TRUTH, lw=3.2, alpha=0.25, label="truth")
+    live = np.insert(path.live, np.flatnonzero(path.live_breaks) + 1, np.nan, axis=0)
+    axes.plot(*live[:, pair].T, color=style.LIVE, lw=1.0, label="live")
     step = max(1, len(path.smoothed) // _MAX_PIECES)
     points = path.smoothed[::step, pair]
     pieces = np.stack([points[:-1], points[1:]], axis=1)

@@ -8,6 +8,8 @@ import cv2
 import gtsam
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgba
+from matplotlib.lines import Line2D
 
 from ruledgraph.app.results import Results
 from ruledgraph.core.config import Config
@@ -96,7 +98,7 @@ def test_views_have_one_scale_and_show_path_and_lines(run):
     shown = views(figure)
     assert {"top", "side", "front"} <= set(shown)
     scales = []
-    for name, pair in (("top", (0, 1)), ("side", (2, 1)), ("front", (0, 2))):
+    for name, pair in (("top", (0, 1)), ("side", (1, 2)), ("front", (0, 2))):
         axes = shown[name]
         low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
         path = circle().positions[:, pair]
@@ -215,6 +217,45 @@ def test_status_over_time_shows_frames_without_estimate(tmp_path):
         (4.0, 5.1, "without estimate"),
         (7.0, 8.0, "without estimate"),
     ]
+
+
+def test_nothing_is_drawn_across_a_gap_without_estimates(tmp_path):
+    """Between 3 and 5 s of 6 there is none."""
+    whole = circle()
+    kept = np.r_[0:31, 50:61]
+    parts = Trajectory(whole.stamps[kept], whole.positions[kept], whole.quaternions[kept])
+    run = write_run(tmp_path / "run", parts)
+    figures = result_figures(run, truth())
+    curves = [
+        axes.lines[-1 if name == "states" else 0]
+        for name in ("status", "consistency", "states")
+        for axes in figures[name].axes
+        if axes.lines
+    ]
+    assert len(curves) == 2 + 6 + 9
+    for curve in curves:
+        times = curve.get_xdata()
+        across = (times[:-1] <= 3.001) & (times[1:] >= 4.9)
+        ends = np.isnan(curve.get_ydata())
+        assert (across <= (ends[:-1] | ends[1:])).all()
+        assert np.isfinite(curve.get_ydata()).sum() >= 20
+    shown = views(figures["trajectory"])["top"].lines
+    steps = [np.linalg.norm(np.diff(curve.get_xydata(), axis=0), axis=1) for curve in shown]
+    assert all(np.nanmax(lengths, initial=0.0) < 0.3 for lengths in steps)
+
+
+def test_states_name_their_frames(run):
+    titles = [axes.get_title(loc="left") for axes in result_figures(run, None)["states"].axes]
+    assert titles[0] == "velocity x, world"
+    assert titles[3] == "gyroscope bias x, body"
+
+
+def test_the_legend_shows_the_colors_of_the_path(run):
+    figure = result_figures(run, truth())["trajectory"]
+    (legend,) = figure.legends
+    drawn = {to_rgba(line.get_color()) for line in legend.findobj(Line2D)}
+    path = views(figure)["top"].collections[-1]
+    assert {to_rgba(path.cmap(share)) for share in (0.0, 1.0)} <= drawn
 
 
 def test_ruled_surfaces_are_of_lines_apart_from_each_other():

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What stands above three views does not overlap, however wide they are."""
 
+import itertools
+
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -25,6 +27,23 @@ def test_legend_and_colour_bar_do_not_overlap(size):
         drawing.figure.draw(renderer)
         legend = drawing.figure.legends[0].get_window_extent(renderer)
         bar = drawing.figure.axes[-1].get_tightbbox(renderer)
+        close = drawing.corner()
+        close.plot([0.0, 0.33], [-0.5, 0.4])
+        close.set(title="enlarged", xlabel="x (m)", ylabel="z (m)")
+        drawing.figure.draw(renderer)
+        drawn_axes = [*(view for view, *_ in drawing.views), close]
+        titles = [each.title.get_window_extent(renderer) for each in drawn_axes]
+        labels = [each.xaxis.label.get_window_extent(renderer) for each in drawn_axes]
+        for each in drawn_axes:
+            ticks = [
+                tick.label1.get_window_extent(renderer)
+                for tick in each.xaxis.get_major_ticks()
+                if tick.label1.get_text()
+            ]
+            assert not any(a.overlaps(b) for a, b in itertools.pairwise(ticks))
+    whole = drawing.figure.bbox
+    assert all(whole.x0 <= box.x0 and box.x1 <= whole.x1 for box in (*titles, *labels))
+    assert not any(title.overlaps(label) for title in titles for label in labels)
     assert not legend.overlaps(bar)
     for view, *_ in drawing.views[:2]:
         title = view.title.get_window_extent(renderer)
