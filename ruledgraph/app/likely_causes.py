@@ -11,7 +11,7 @@ from ruledgraph.core.config import Config
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.diagnostics.info import inspect_recording
 
-_MAX_CAUSES = 3
+_MAX_CAUSES = 4
 
 
 def likely_causes(

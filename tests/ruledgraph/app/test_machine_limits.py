@@ -78,8 +78,8 @@ def test_without_space_what_was_written_can_be_read(recording, tmp_path):
     assert (out / "trajectory_live.tum").stat().st_size > largest - KB
     live, smoothed = (read_tum(out / f"{n}.tum") for n in ("trajectory_live", "trajectory"))
     assert len(live.stamps) > 60
-    # The window was handed out, too.
-    assert set(live.stamps[:-1]) <= set(smoothed.stamps)
+    # The window was handed out, too: as many rows as fit, which differ by some digits.
+    assert set(live.stamps[:-3]) <= set(smoothed.stamps)
     summary = json.loads((out / "summary.json").read_text())
     assert f"ruledgraph: {summary['ended']}" == line
     assert summary["frames_estimated"] >= len(live)

@@ -108,6 +108,7 @@ ALLOWED = {
         "_MIN_PAIRS": "400 points, whose median is known to 6 %",
         "_BETTER": "far beyond what two such medians differ by",
         "_USUAL_ERROR": "what good calibrations leave, doubled",
+        "_MIRRORS": "definition of the two mirrors",
     },
     "initialization/prior.py": {"_GAUGE": NUMERICS},
     "initialization/readout.py": {
