@@ -113,7 +113,7 @@ def _tell(summary: dict[str, Any], output: Path, verbose: bool, rerun: Path | No
         if count:
             noun = "frame" if count == 1 else "frames"
             click.echo(f"{count} {noun} {status}: {_STATUS_MEANINGS[status]}")
-    if any(told.values()):
+    if any(told.values()) and summary["frames_estimated"]:
         click.echo(f"the status of each frame: {output / FRAMES_FILE}")
     if verbose:
         for stage, times in summary["stages"].items():

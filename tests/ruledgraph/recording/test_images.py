@@ -15,7 +15,7 @@ from ruledgraph.calibration.sensors import CameraModel
 from ruledgraph.core.measurements import Frame
 from ruledgraph.recording import RecordingError, check_frame_size
 from ruledgraph.recording.container import RawMessage, Topic
-from ruledgraph.recording.images import decode_file, decode_image
+from ruledgraph.recording.images import check_image, decode_file, decode_image
 from ruledgraph.recording.messages import UnreadableMessageError
 
 WIDTH, HEIGHT = 16, 12
@@ -195,3 +195,16 @@ def test_frame_size_is_compared_with_the_calibration() -> None:
     check_frame_size(frame, CameraModel(16, 12, 10.0, 10.0, 8.0, 6.0))
     with pytest.raises(RecordingError, match="frames are 16x12, but the calibration is for 12x16"):
         check_frame_size(frame, CameraModel(12, 16, 10.0, 10.0, 8.0, 6.0))
+
+
+def test_files_are_seen_to_be_whole_without_decoding_them():
+    def check(entry: Entry) -> None:
+        topic = Topic(entry.topic, entry.type, "cdr", 1)
+        check_image(topic, RawMessage(entry.stamp, entry.topic, serialise("cdr", entry)))
+
+    file = png(GREY)
+    check(compressed_image(T0, file, "png"))
+    with pytest.raises(UnreadableMessageError, match="PNG image is cut"):
+        check(compressed_image(T0, file[:-20], "png"))
+    # What is no file has nothing to show.
+    check(raw_image(T0, "rubbish", 0, 0, 0, b"1"))
