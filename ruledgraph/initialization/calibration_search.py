@@ -131,8 +131,9 @@ class CalibrationSearch:
         check = check_mounting(pairs, samples, calibration, bias_sigma)
         self._checked = check is not None
         if check is not None and check.wrong:
-            self._warnings.append(check.text)
-            if self._config.extrinsics.from_images and not check.is_mirrored:
+            is_replaced = self._config.extrinsics.from_images
+            self._warnings.append(check.message(from_images=is_replaced))
+            if is_replaced and not check.is_mirrored:
                 self._mounting.set_rotation(check.other_body_R_cam)
                 self.rotation_replaced = True
                 self.restart()

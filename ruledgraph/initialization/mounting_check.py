@@ -60,13 +60,8 @@ class MountingCheck(NamedTuple):
         """Whether an IMU that turns the other way explains the points far better than any other."""
         return self.mirrored < _BETTER * min(self.error, self.other)
 
-    @property
-    def text(self) -> str:
-        """What to say of a mounting that is wrong."""
-        return self.message(from_images=False)
-
     def message(self, *, from_images: bool) -> str:
-        """The same, where `extrinsics.from_images` may be set."""
+        """What to say of a mounting that is wrong; `from_images` as in `ExtrinsicsConfig`."""
         if self.is_mirrored:
             return (
                 f"image points disagree with the gyroscope by {self.error:.2g} px, and by "

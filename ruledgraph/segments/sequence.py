@@ -150,9 +150,10 @@ class SegmentSequence:
 
     def end_if_cut_off(self, time: float) -> None:
         """End a segment that cannot be carried on to a frame at a time, s: nothing of its window is
-        left by then, or the body has turned by more than half a turn since the newest state.
+        left by then, or the body has turned by more than half a turn since the newest state. Warn
+        where it goes on after long without frames.
         """
-        segment = self.current
+        segment, warnings = self.current, self._stages.output.warnings
         if segment is None:
             return
         since, newest = self._stages.sensors.frames.last.time, segment.window.newest.time
@@ -160,9 +161,12 @@ class SegmentSequence:
             why = f"no frame for {time - since:.2f} s from {since:.2f} s"
         elif rotated_half_turn(self._stages.sensors.imu, segment.window.newest, time):
             why = f"more than half a turn between the frames at {since:.2f} and {time:.2f} s"
+        elif time - since > self._config.imu.silent_time:
+            gap = f"no frame for {time - since:.2f} s from {since:.2f} s: the IMU alone carried on"
+            warnings.counted("frames are missing", gap)
+            return
         else:
             return
-        warnings = self._stages.output.warnings
         warnings.append(f"{why}: a new segment begins where the last one ended")
         self.end()
 

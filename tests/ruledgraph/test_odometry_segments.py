@@ -64,6 +64,20 @@ def test_a_camera_that_is_silent_for_longer_than_the_window_begins_a_new_segment
     assert {e.segment for e in live} == {e.segment for e in smoothed} == {0, 1}
 
 
+def test_frames_that_are_missing_for_less_are_reported():
+    stream, calibration = small_stream(duration=6.0)
+    first = stream[0].stamp
+    silent = [
+        m
+        for m in stream
+        if not (isinstance(m, Frame) and 3.0e9 < m.stamp - first < 4.5e9)  # lag: 4 s
+    ]
+    odometry, live, _ = run(silent, calibration)
+    (warning,) = (w for w in odometry.warnings if "no frame for 1.5" in w)
+    assert "the IMU alone carried on" in warning
+    assert {e.segment for e in live} == {0}
+
+
 def test_an_estimate_that_diverged_ends_its_segment(monkeypatch):
     stream, calibration = small_stream(moving=True)
     plausible, calls = Window.is_plausible, []
