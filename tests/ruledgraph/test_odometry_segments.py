@@ -51,28 +51,22 @@ def test_a_gap_in_the_imu_begins_a_new_segment():
     assert abs(yaw_alignment(*attitudes).yaw()) < 0.01
 
 
+def without_frames(stream, start: float, stop: float):
+    first = stream[0].stamp
+    missing = (first + 1e9 * start, first + 1e9 * stop)
+    return [m for m in stream if not (isinstance(m, Frame) and missing[0] < m.stamp < missing[1])]
+
+
 def test_a_camera_that_is_silent_for_longer_than_the_window_begins_a_new_segment():
     stream, calibration = small_stream(duration=11.0)
-    first = stream[0].stamp
-    silent = [
-        m
-        for m in stream
-        if not (isinstance(m, Frame) and 3.0e9 < m.stamp - first < 7.5e9)  # lag: 4 s
-    ]
-    odometry, live, smoothed = run(silent, calibration)
+    odometry, live, smoothed = run(without_frames(stream, 3.0, 7.5), calibration)  # lag: 4 s
     assert [w for w in odometry.warnings if "no frame for 4.5" in w]
     assert {e.segment for e in live} == {e.segment for e in smoothed} == {0, 1}
 
 
 def test_frames_that_are_missing_for_less_are_reported():
     stream, calibration = small_stream(duration=6.0)
-    first = stream[0].stamp
-    silent = [
-        m
-        for m in stream
-        if not (isinstance(m, Frame) and 3.0e9 < m.stamp - first < 4.5e9)  # lag: 4 s
-    ]
-    odometry, live, _ = run(silent, calibration)
+    odometry, live, _ = run(without_frames(stream, 3.0, 4.5), calibration)  # lag: 4 s
     (warning,) = (w for w in odometry.warnings if "no frame for 1.5" in w)
     assert "the IMU alone carried on" in warning
     assert {e.segment for e in live} == {0}
