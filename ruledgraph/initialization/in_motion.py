@@ -22,6 +22,7 @@ from ruledgraph.core.line_observations import LineTrack
 from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.frame_history import FrameTime
+from ruledgraph.imu.rest import imu_rests
 from ruledgraph.initialization.batch import ROUGH, Batch
 from ruledgraph.initialization.first_window import FirstWindow, Seen
 from ruledgraph.initialization.initial_values import (
@@ -83,6 +84,10 @@ def start_in_motion(
     if len(seen) < _MIN_LINES:
         return Refusal(f"{len(seen)} lines were followed long enough, {_MIN_LINES} are needed")
     samples, times = imu.between(frames[0].time, frames[-1].time), [f.time for f in used]
+    readings = np.hstack([samples.gyroscope, samples.accelerometer])
+    if imu_rests(samples.times, readings, config.rest):
+        # To the IMU a constant velocity is a rest; errors of the tracks alone would set the scale.
+        return Refusal("the IMU shows no acceleration: the scale of the motion is unknown")
     window = FirstWindow(samples, times, seen, calibration, config, time_offset)
     try:
         best = solved(window)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import ruledgraph.initialization.in_motion
-from ideal_tracks import CALIBRATION, MANY, IdealTracks, ideal_tracks, sighting
+from ideal_tracks import CALIBRATION, MANY, IdealTracks, at_rest, ideal_tracks, sighting
 from ruledgraph.backend.start import Start
 from ruledgraph.core.config import Config
 from ruledgraph.core.time_offset import TimeOffset
@@ -184,6 +184,13 @@ def test_a_start_waits_until_the_velocity_is_known():
     # On both sides of it, so closely that neither half nor twice of it would do.
     assert any(0.06 < sigma < 0.12 for sigma in sigmas)
     assert any(0.12 < sigma < 0.24 for sigma in sigmas)
+
+
+def test_without_acceleration_there_is_no_scale():
+    """To the IMU a constant velocity is a rest."""
+    refusal = begun(in_motion(0, motion=at_rest(1.5)))
+    assert isinstance(refusal, Refusal)
+    assert "no acceleration" in refusal.reason
 
 
 def test_one_line_is_refused_with_the_reason():
