@@ -9,7 +9,7 @@ import click
 
 from ruledgraph.calibration import TYPICAL_IMU_NOISE, CalibrationError, read_calibration
 from ruledgraph.calibration.sensors import Calibration, ImuNoise
-from ruledgraph.recording import Kind, Recording, RecordingError
+from ruledgraph.recording import Recording, RecordingError
 from ruledgraph.recording.ros_calibration import recorded_camera
 
 
@@ -26,7 +26,7 @@ def calibration_for(
         RuledgraphError: when there is none, or it is no good.
     """
     wanted = "pass --calibration FILE, such as Kalibr's camchain with T_cam_imu"
-    if not files and recording.kind == "asl" and not brings_calibration(path, recording.kind):
+    if not files and recording.kind == "asl" and not brings_calibration(path):
         raise CalibrationError(
             f"{path}: no calibration; {wanted}, or add cam0/sensor.yaml and imu0/sensor.yaml"
         )
@@ -54,9 +54,9 @@ def calibration_for(
     return Calibration(model, body_T_cam, _typical_noise(imu))
 
 
-def brings_calibration(path: Path, kind: Kind) -> bool:
-    """Whether a recording of a kind is a folder with EuRoC's `sensor.yaml` files."""
-    return kind == "asl" and any(path.rglob("sensor.yaml"))
+def brings_calibration(folder: Path) -> bool:
+    """Whether an ASL folder has EuRoC's `sensor.yaml` files."""
+    return any(folder.rglob("sensor.yaml"))
 
 
 def calibration_of_files(

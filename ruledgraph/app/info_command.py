@@ -32,7 +32,7 @@ def info_command(
     """See `ruledgraph info --help`."""
 
     def calibrate(kind: Kind, image_topic: str | None) -> Calibration | None:
-        if not calibration_files and not brings_calibration(recording, kind):
+        if not (calibration_files or (kind == "asl" and brings_calibration(recording))):
             return None
         files = calibration_files or [recording]
         return calibration_of_files(files, image_topic, camera, imu, readout)

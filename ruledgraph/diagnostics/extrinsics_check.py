@@ -17,14 +17,14 @@ from ruledgraph.core.measurements import Frame, ImuSample, Measurement
 from ruledgraph.diagnostics.finding import Finding
 from ruledgraph.diagnostics.readout_check import compare_readout
 from ruledgraph.initialization.image_rotation import PointPairs
-from ruledgraph.initialization.mounting_check import MountingCheck, check_mounting
-from ruledgraph.initialization.rotation_fit import RotationFit
-from ruledgraph.initialization.time_offset_finder import (
-    RANGE,
-    TimeOffsetFinder,
-    covered,
-    fit_offset,
+from ruledgraph.initialization.mounting_check import (
+    BETTER,
+    MIN_PAIRS,
+    MountingCheck,
+    check_mounting,
 )
+from ruledgraph.initialization.rotation_fit import RotationFit
+from ruledgraph.initialization.time_offset_finder import RANGE, TimeOffsetFinder, covered
 from ruledgraph_factors import ImuSamples
 
 _MAX_PAIRS = 80
@@ -33,10 +33,6 @@ _SIGNIFICANT, _LARGE = 3.0, 0.005
 # Offsets so far from the calibration's are searched, in such steps, by every so many pairs, s: the
 # turning of hands and vehicles changes little within half a step.
 _FARTHEST, _FAR_STEP, _EVERY = 1.0, 0.05, 2
-# Another clock or unit must leave this much less of the error: as another mounting must.
-_BETTER = 0.7
-# Pairs of images without which nothing can be said.
-_MIN_PAIRS = 20
 
 
 def check_rotation(
@@ -58,7 +54,7 @@ def check_rotation(
     mounting = check_mounting(pairs, samples, calibration, bias_sigma)
     if mounting is None:
         return
-    found = fit_offset(pairs, samples, calibration, bias_sigma)
+    found = mounting.time_offset
     if mounting.wrong or not mounting.is_usual or found is None:
         if _fits_in_degrees(pairs, samples, calibration, bias_sigma, mounting):
             yield Finding(
@@ -147,7 +143,7 @@ def _far_offset(
     errors = []
     for offset in offsets:
         there = covered(some, samples, offset)
-        if len(there.times) < _MIN_PAIRS:
+        if len(there.times) < MIN_PAIRS:
             errors.append(np.inf)
             continue
         fit = RotationFit(there, samples, calibration, bias_sigma)
@@ -157,14 +153,16 @@ def _far_offset(
     check = check_mounting(there, samples, shifted, bias_sigma)
     if check is None or not _explains(check, mounting):
         return None
-    found = fit_offset(there, samples, shifted, bias_sigma)
+    found = check.time_offset
     # Where the motion does not show it to milliseconds the step found is good enough to go on with.
     return (found.value, found.sigma) if found else (shifted.time_offset, 0.5 * _FAR_STEP)
 
 
 def _explains(check: MountingCheck, mounting: MountingCheck) -> bool:
-    """Whether another clock or unit explains the points far better, and than other mountings do."""
-    others = min(_BETTER * mounting.error, mounting.other, mounting.mirrored)
+    """Whether another clock or unit explains the points far better, as another mounting would have
+    to, and better than those do.
+    """
+    others = min(BETTER * mounting.error, mounting.other, mounting.mirrored)
     return check.is_usual and not check.wrong and check.error < others
 
 

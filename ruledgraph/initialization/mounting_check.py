@@ -14,14 +14,14 @@ from ruledgraph.calibration.sensors import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.initialization.image_rotation import PointPairs
 from ruledgraph.initialization.rotation_fit import MIN_RATE_VARIATION, RotationFit, rate_variation
-from ruledgraph.initialization.time_offset_finder import fit_offset
+from ruledgraph.initialization.time_offset_finder import FoundTimeOffset, fit_offset
 from ruledgraph_factors import ImuSamples
 
-# Pairs of images without which nothing can be said.
-_MIN_PAIRS = 20
-# The error of another mounting must be this much smaller for a warning: by chance the medians of
-# 400 points, the fewest there are, differ by 8 % (standard deviation).
-_BETTER = 0.7
+MIN_PAIRS = 20
+"""Pairs of images without which nothing can be said."""
+BETTER = 0.7
+"""The error of another mounting must be this much smaller for a warning: by chance the medians of
+400 points, the fewest there are, differ by 8 % (standard deviation)."""
 # px; good calibrations leave 0.10 to 0.15, those of another lens or of other axes 0.4 or more.
 _USUAL_ERROR = 0.3
 # A mirror turns rotations about its normal the same way, and those about other axes the other way:
@@ -41,9 +41,11 @@ class MountingCheck(NamedTuple):
     mirrored: float
     """The same of the best mounting of an IMU that turns the other way, whose axes are left-handed,
     px; infinite where the error is usual."""
-    image_mirror: str = ""
+    image_mirror: str
     """How images are mirrored that turn like the calibrated mounting with the best other one:
     `left to right`, `upside down`, or empty."""
+    time_offset: FoundTimeOffset | None
+    """That all of this is with; None where the pairs do not show it: the calibration's."""
 
     @property
     def is_usual(self) -> bool:
@@ -53,12 +55,12 @@ class MountingCheck(NamedTuple):
     @property
     def wrong(self) -> bool:
         """Whether another one explains the points far better."""
-        return self.other < _BETTER * self.error or self.is_mirrored
+        return self.other < BETTER * self.error or self.is_mirrored
 
     @property
     def is_mirrored(self) -> bool:
         """Whether an IMU that turns the other way explains the points far better than any other."""
-        return self.mirrored < _BETTER * min(self.error, self.other)
+        return self.mirrored < BETTER * min(self.error, self.other)
 
     def message(self, *, from_images: bool) -> str:
         """What to say of a mounting that is wrong; `from_images` as in `ExtrinsicsConfig`."""
@@ -104,7 +106,7 @@ def check_mounting(
         None where there are too few pairs, or they turn too little.
     """
     offset = calibration.time_offset
-    if len(pairs.times) < _MIN_PAIRS or rate_variation(pairs, samples, offset) < MIN_RATE_VARIATION:
+    if len(pairs.times) < MIN_PAIRS or rate_variation(pairs, samples, offset) < MIN_RATE_VARIATION:
         return None
     found = fit_offset(pairs, samples, calibration, bias_sigma)
     if found is not None:
@@ -126,6 +128,7 @@ def check_mounting(
         others[best],
         np.inf,
         _image_mirror(calibrated, others[best]),
+        found,
     )
     if check.is_usual:
         return check

@@ -78,10 +78,6 @@ class IntegrityMonitor:
         self._variance.counts_from = time
 
     @property
-    def _on_trial(self) -> bool:
-        return self._variance.counts_from == math.inf
-
-    @property
     def is_contradicted(self) -> bool:
         """Whether the images contradict the IMU, or lines the estimate."""
         return self._imu.contradicts or self.lines_misfit
@@ -116,7 +112,8 @@ class IntegrityMonitor:
         since its prediction: an interval alone shows little of a slow drift, and once the lines
         have followed it, nothing.
         """
-        if self._on_trial or not self.lines_fit:
+        on_trial = self._variance.counts_from == math.inf
+        if on_trial or not self.lines_fit:
             return math.inf
         since = self._imu.unlikely_since
         if since is not None and self._lines.last_misfit_time <= since:

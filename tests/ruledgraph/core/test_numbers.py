@@ -105,8 +105,8 @@ ALLOWED = {
         "belongs to the method: GTSAM's",
     ),
     "initialization/mounting_check.py": {
-        "_MIN_PAIRS": "400 points, whose median is known to 6 %",
-        "_BETTER": "far beyond what two such medians differ by",
+        "MIN_PAIRS": "400 points, whose median is known to 6 %",
+        "BETTER": "far beyond what two such medians differ by",
         "_USUAL_ERROR": "what good calibrations leave, doubled",
         "_MIRRORS": "definition of the two mirrors",
     },
