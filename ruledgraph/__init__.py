@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ruledgraph.calibration import read_calibration as read_calibration
-    from ruledgraph.calibration.sensors import Calibration as Calibration
-    from ruledgraph.calibration.sensors import CameraModel as CameraModel
-    from ruledgraph.calibration.sensors import ImuNoise as ImuNoise
+    from ruledgraph.calibration.camera_model import CameraModel as CameraModel
+    from ruledgraph.calibration.imu_noise import ImuNoise as ImuNoise
+    from ruledgraph.calibration.rig import Calibration as Calibration
     from ruledgraph.core.config import Config as Config
     from ruledgraph.core.errors import MeasurementError as MeasurementError
     from ruledgraph.core.errors import RuledgraphError as RuledgraphError
@@ -34,12 +34,12 @@ if TYPE_CHECKING:
     __version__: str
 
 _LAZY = {
-    "Calibration": "calibration.sensors",
-    "CameraModel": "calibration.sensors",
+    "Calibration": "calibration.rig",
+    "CameraModel": "calibration.camera_model",
     "Config": "core.config",
     "Estimate": "core.estimates",
     "Frame": "core.measurements",
-    "ImuNoise": "calibration.sensors",
+    "ImuNoise": "calibration.imu_noise",
     "ImuSample": "core.measurements",
     "LiveOdometry": "live",
     "MeasurementError": "core.errors",

@@ -6,22 +6,22 @@ from collections import deque
 from dataclasses import replace
 
 from ruledgraph.backend.sliding_window import Window
-from ruledgraph.calibration.camera_mounting import CameraMounting
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.online_calibration import OnlineCalibration
+from ruledgraph.calibration.rig import Calibration
+from ruledgraph.core.calibration_estimates import TimeOffset
 from ruledgraph.core.config import Config
 from ruledgraph.core.measurements import Frame, ImuSample, Measurement
 from ruledgraph.core.output import Output
-from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.frontend.tracker import Tracker
-from ruledgraph.imu.frame_history import TIME_TOLERANCE, FrameTime
-from ruledgraph.imu.image_input import image_fault
 from ruledgraph.initialization.calibration_search import CalibrationSearch
 from ruledgraph.integrity.gauge import ReliableState
-from ruledgraph.segments.prediction import predicted
+from ruledgraph.segments.frame_prediction import frame_prediction
 from ruledgraph.segments.rows import row_motion
 from ruledgraph.segments.segment import TrajectorySegment
 from ruledgraph.segments.sequence import SegmentSequence
 from ruledgraph.stages import Stages
+from ruledgraph.synchronization.frame_history import TIME_TOLERANCE, FrameTime
+from ruledgraph.synchronization.image_input import image_fault
 
 # Measurements are kept this much longer than the window and the longest time without a solution,
 # s: more than a late frame needs.
@@ -85,9 +85,9 @@ class Odometry(Output):
         return self._stages.clock.offset
 
     @property
-    def mounting(self) -> CameraMounting:
+    def online_calibration(self) -> OnlineCalibration:
         """The camera's pose in the body, its readout and its focal length, as last known."""
-        return self._stages.mounting
+        return self._stages.online_calibration
 
     def add(self, measurement: Measurement) -> None:
         """A frame, an IMU sample, or a gap, which ends a segment."""
@@ -104,11 +104,11 @@ class Odometry(Output):
         Raises:
             RuledgraphError: for another shape, and stamps that are not in nanoseconds.
         """
-        sensors = self._stages.sensors
-        gap = sensors.add_imu(sample)
+        synchronizer = self._stages.synchronizer
+        gap = synchronizer.add_imu(sample)
         if gap is not None:
             self._segments.end_at(gap)
-            sensors.add_after_gap(sample)
+            synchronizer.add_after_gap(sample)
         self._process_reached()
         self._segments.end_without_frames(self._kept)
 
@@ -119,7 +119,7 @@ class Odometry(Output):
             RuledgraphError: for one that is not grey, of 8 bit and of the calibration's size, and
                 for stamps that are not in nanoseconds.
         """
-        self._stages.sensors.add_image(frame)
+        self._stages.synchronizer.add_image(frame)
         self._process_reached()
 
     def prefetch(self, frame: Frame) -> None:
@@ -137,27 +137,30 @@ class Odometry(Output):
 
     def _process_reached(self) -> None:
         """The frames that the IMU has reached."""
-        while (frame := self._stages.sensors.next_frame()) is not None:
+        while (frame := self._stages.synchronizer.next_frame()) is not None:
             with self.timings.measured("frame"):
                 self._process(frame)
 
     def _process(self, frame: Frame) -> None:
         self._keep(frame)
-        sensors, mounting = self._stages.sensors, self._stages.mounting
-        readout, correction = mounting.calibration.readout, sensors.offset_correction
+        synchronizer, online_calibration = (
+            self._stages.synchronizer,
+            self._stages.online_calibration,
+        )
+        readout, correction = online_calibration.current.readout, synchronizer.offset_correction
         self._estimate(frame)
-        sensors.calibration = mounting.calibration  # how rows are read may be known now
-        self._stages.front_end.set_camera(mounting.camera)
-        moved = abs(mounting.calibration.readout - readout)
-        if mounting.calibration.readout:
-            moved = max(moved, abs(sensors.offset_correction - correction))
+        synchronizer.calibration = online_calibration.current  # how rows are read may be known now
+        self._stages.front_end.set_camera(online_calibration.camera)
+        moved = abs(online_calibration.current.readout - readout)
+        if online_calibration.current.readout:
+            moved = max(moved, abs(synchronizer.offset_correction - correction))
         if moved > _MAX_TIMING_CHANGE and not self._segments.has_start:
             self._repeat()
 
     def _keep(self, frame: Frame) -> None:
         """The frames of the next start, if their rows may have to be read anew."""
         is_global = not (
-            self.mounting.calibration.readout or self.calibration_search.readout.finder
+            self.online_calibration.current.readout or self.calibration_search.readout.finder
         )
         if self._segments.has_start or is_global:
             self._kept_frames.clear()
@@ -169,7 +172,7 @@ class Odometry(Output):
 
     def _repeat(self) -> None:
         """Process the frames before a start anew: their rows were not read as it was thought."""
-        known = self._stages.sensors.frames
+        known = self._stages.synchronizer.frames
         frames = [f for f in self._kept_frames if known and f.stamp >= known.first.stamp]
         self._kept_frames.clear()
         self._segments.begin_anew()
@@ -177,8 +180,8 @@ class Odometry(Output):
             self._process(frame)
 
     def _estimate(self, frame: Frame) -> None:
-        sensors, segments = self._stages.sensors, self._segments
-        now = sensors.timed(frame)
+        synchronizer, segments = self._stages.synchronizer, self._segments
+        now = synchronizer.timed(frame)
         if now is None:
             return
         self._stages.front_end.start_tracks()
@@ -186,10 +189,10 @@ class Odometry(Output):
         segment = segments.current
         due = segment is not None and segment.is_state_due(now.time)
         found = self._searched(frame, now, due)
-        sensors.frames.append(now)
+        synchronizer.frames.append(now)
         if segment is None or segments.last_status != "still":
             with self.timings.measured("clock"):
-                self.calibration_search.add_image(sensors.seconds(frame.stamp), frame.image)
+                self.calibration_search.add_image(synchronizer.seconds(frame.stamp), frame.image)
         if segment is None:
             with self.timings.measured("start"):
                 segments.try_start(now)
@@ -206,7 +209,7 @@ class Odometry(Output):
         if segment is not None:
             # At a state it costs little time: the smoother works meanwhile.
             detect_every = segment.detection_interval - TIME_TOLERANCE if at_state else None
-        expected, rows = predicted(stages, segment, now), row_motion(stages, segment, now)
+        expected, rows = frame_prediction(stages, segment, now), row_motion(stages, segment, now)
         return stages.front_end.process(frame, now.time, expected, detect_every, rows)
 
     def _carried_on(self, segment: TrajectorySegment, now: FrameTime, due: bool) -> bool:

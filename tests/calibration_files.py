@@ -7,7 +7,9 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import Calibration, CameraModel, ImuNoise
+from ruledgraph.calibration.camera_model import CameraModel
+from ruledgraph.calibration.imu_noise import ImuNoise
+from ruledgraph.calibration.rig import Calibration
 
 # x of the camera is -y of the body, and so on; the camera sits at (0.1, 0.2, 0.3) of the body.
 CAM0 = """\

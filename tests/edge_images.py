@@ -5,7 +5,7 @@
 import numpy as np
 from scipy.special import expit
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 
 CAMERA = CameraModel(320, 240, 300.0, 300.0, 160.0, 120.0)
 

@@ -10,13 +10,15 @@ import gtsam
 import numpy as np
 
 from ruledgraph.backend.start import Start
-from ruledgraph.calibration.sensors import D435I_LIKE, Calibration, CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
+from ruledgraph.calibration.imu_noise import D435I_LIKE
+from ruledgraph.calibration.rig import Calibration
+from ruledgraph.core.calibration_estimates import TimeOffset
 from ruledgraph.core.line_observations import LineTrack, Sighting
-from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph.simulation.edges import observe_segment
+from ruledgraph.synchronization.frame_history import FrameTime
 from ruledgraph_factors import GeometricPoints
 from simulated_window import BODY_T_CAM, FOCAL_LENGTH, SEGMENTS
 

@@ -9,7 +9,7 @@ import numpy as np
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import B, L, V, X
 
-from ruledgraph.calibration.sensors import D435I_LIKE, ImuNoise
+from ruledgraph.calibration.imu_noise import D435I_LIKE, ImuNoise
 from ruledgraph.simulation import SimulatedImu, SplineMotion, simulate_imu
 from ruledgraph.simulation.edges import observe_segment
 from ruledgraph_factors import (

@@ -7,7 +7,8 @@ from functools import cache
 from pathlib import Path
 
 from ruledgraph.calibration import write_kalibr
-from ruledgraph.calibration.sensors import Calibration, CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.recording import write_recording
 from ruledgraph.simulation import D435I, Simulation, simulate

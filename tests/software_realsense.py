@@ -10,7 +10,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.measurements import Frame, ImuSample, Measurement
 
 # Where the system has no libusb, that of a wheel serves: what is loaded already is not looked for.

@@ -21,6 +21,7 @@ LAYERS = (
     ("stages",),
     ("integrity",),
     ("backend", "evaluation"),
+    ("synchronization",),
     ("frontend", "imu", "recording"),
     ("calibration",),
     ("core",),

@@ -26,7 +26,7 @@ def run_window(
         still = times[part][-1] < still_until
         window.extend(frame_times(stamps[part], times[part]), made.imu, tracks, still)
         left += window.optimize()
-        rejected = window.line_map.take_rejected()
+        rejected = window.line_manager.take_rejected()
         tracks = [track for track in tracks if track.id not in rejected]
     return window, left
 

@@ -28,7 +28,7 @@ import numpy as np
 
 from ruledgraph.app.batch.cluster import in_parallel
 from ruledgraph.backend.line_merging import merged_lines
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.config import DEFAULTS
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate, LineEstimate

@@ -34,7 +34,7 @@ import numpy as np
 
 from benchmark_accuracy import REAL_SLICE, real_recording
 from ruledgraph.baselines.paper import PaperOdometry
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.config import Config, EdgesConfig
 from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.core.versions import machine_text, version_text

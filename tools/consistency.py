@@ -30,7 +30,7 @@ import numpy as np
 from scipy.stats import beta, chi2
 
 from ruledgraph.app.batch.cluster import in_parallel
-from ruledgraph.calibration.sensors import ADIS16448_LIKE, D435I_LIKE
+from ruledgraph.calibration.imu_noise import ADIS16448_LIKE, D435I_LIKE
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import Config, ImuConfig
 from ruledgraph.core.errors import RuledgraphError

@@ -19,7 +19,7 @@ import faults
 from ruledgraph.app.batch.jobs import simulation_options, stem
 from ruledgraph.app.run_input import RunInput
 from ruledgraph.app.runner import run
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.settings import load_config
 from ruledgraph.core.trajectory import read_tum
 from ruledgraph.evaluation.ground_truth import GroundTruth

@@ -18,7 +18,7 @@ import numpy as np
 from gtsam import noiseModel
 from gtsam.symbol_shorthand import E, P, Q, S, U  # line, pose, point, velocity, bias: any keys do
 
-from ruledgraph.calibration.sensors import D435I_LIKE
+from ruledgraph.calibration.imu_noise import D435I_LIKE
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph.simulation.edges import observe_segment

@@ -16,7 +16,7 @@ from fault_images import (
     overlay,
     textured_rectangle,
 )
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.measurements import Frame, ImuSample
 
 _ALL = 1e9

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ruledgraph.calibration import read_calibration
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth
 from ruledgraph.recording import Recording, open_recording
 from ruledgraph.simulation import D435I, Motion, Scene, Simulation, simulate

@@ -14,7 +14,8 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import Calibration, ImuNoise
+from ruledgraph.calibration.imu_noise import ImuNoise
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.measurements import Frame, Gap, ImuSample, Measurement
 
 Fault = Callable[[Iterable[Measurement]], Iterator[Measurement]]

@@ -100,7 +100,7 @@ class _Taken:
                 self._windows += 1
         else:
             for line in segments:
-                self.lines.setdefault(line.number, []).append((line.last_stamp, line.ends))
+                self.lines.setdefault(line.id, []).append((line.last_stamp, line.ends))
 
     def figures(
         self, solver: str, simulation: Simulation, truth: GroundTruth, with_lines: bool

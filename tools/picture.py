@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from PIL import Image
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.estimates import LineEstimate
 from ruledgraph.core.figure_style import line_color
@@ -82,7 +82,7 @@ def states(seconds: float, seed: int) -> tuple[list[State], CameraModel]:
             for line in view.lines:
                 if line.in_graph:
                     ends = camera.distort(line.points[[0, -1]]).pixels
-                    surfaces[line.number].append((view.since_start, ends))
+                    surfaces[line.id].append((view.since_start, ends))
             if not found or view.since_start - found[-1].view.since_start > 0.99 / SHOWN_RATE:
                 recent = {
                     number: [each for each in frames if each[0] > view.since_start - SURFACE]
@@ -96,7 +96,7 @@ def _note_lines(lines: dict[int, FloatArray], estimates: list[LineEstimate]) -> 
     for line in estimates:
         sigma = max(float(np.sqrt(np.trace(covariance))) for covariance in line.covariance)
         if sigma < _LINE_SIGMA:
-            lines[line.number] = line.ends
+            lines[line.id] = line.ends
 
 
 class Picture:

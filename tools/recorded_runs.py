@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from reported_errors import ReportedErrors, TruthSigma, reported_errors, segments_of, trajectory_of
 from ruledgraph.calibration import read_calibration
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.estimates import Estimate, nis_per_dof
 from ruledgraph.core.measurements import Frame
 from ruledgraph.core.settings import load_config

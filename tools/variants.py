@@ -11,7 +11,7 @@ import cv2
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.measurements import Frame, ImuSample, Measurement
 from ruledgraph.recording.images import Grey

@@ -8,7 +8,8 @@ from pathlib import Path
 import click
 
 from ruledgraph.calibration import TYPICAL_IMU_NOISE, CalibrationError, read_calibration
-from ruledgraph.calibration.sensors import Calibration, ImuNoise
+from ruledgraph.calibration.imu_noise import ImuNoise
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.recording import Recording, RecordingError
 from ruledgraph.recording.ros_calibration import recorded_camera
 

@@ -9,7 +9,7 @@ import click
 
 from ruledgraph.app.remove_existing import remove_existing
 from ruledgraph.calibration import CalibrationError, read_calibration, write_kalibr
-from ruledgraph.calibration.sensors import Calibration, Mounting
+from ruledgraph.calibration.rig import Calibration, Mounting
 from ruledgraph.calibration.wide_angle import WIDE_ANGLE
 from ruledgraph.recording import (
     Kind,

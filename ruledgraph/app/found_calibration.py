@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ruledgraph.calibration import write_kalibr
-from ruledgraph.calibration.camera_mounting import turned_by
+from ruledgraph.calibration.online_calibration import turned_by
 from ruledgraph.odometry import Odometry
 
 
@@ -34,7 +34,7 @@ def write_found_calibration(odometry: Odometry, path: Path) -> None:
     Raises:
         CalibrationError: when it cannot be written.
     """
-    known, ratio = odometry.mounting.calibration, odometry.mounting.focal_ratio
+    known, ratio = odometry.online_calibration.current, odometry.online_calibration.focal_ratio
     offset = odometry.time_offset.value
     if known.stamp_at_middle_row:
         offset -= 0.5 * known.readout  # the file's is of the first row
@@ -65,8 +65,8 @@ def _time_offset(odometry: Odometry) -> dict[str, Any]:
 
 def _extrinsics(odometry: Odometry) -> dict[str, Any]:
     """How far the camera is from where the calibration has it, and the pose found."""
-    mounting, given = odometry.mounting, odometry.calibration.body_T_cam
-    known = mounting.extrinsics
+    online_calibration, given = odometry.online_calibration, odometry.calibration.body_T_cam
+    known = online_calibration.extrinsics
     if known is None:
         return {"estimated": False}
     angle, sigma = turned_by(given, known)
@@ -84,7 +84,7 @@ def _extrinsics(odometry: Odometry) -> dict[str, Any]:
 
 def _focal_length(odometry: Odometry) -> dict[str, Any]:
     """Over the calibration's."""
-    known = odometry.mounting.focal_ratio
+    known = odometry.online_calibration.focal_ratio
     if known is None:
         return {"estimated": False}
     return {"estimated": True, "ratio": known.value, "sigma_ratio": known.sigma}

@@ -12,7 +12,8 @@ import click
 from ruledgraph.app import exit_codes
 from ruledgraph.app.calibration_choice import brings_calibration, calibration_of_files
 from ruledgraph.calibration import TYPICAL_IMU_NOISE
-from ruledgraph.calibration.sensors import D435I_LIKE, Calibration
+from ruledgraph.calibration.imu_noise import D435I_LIKE
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.diagnostics.info import inspect_recording
 from ruledgraph.diagnostics.info_text import print_info
 from ruledgraph.recording import Kind

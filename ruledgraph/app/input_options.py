@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ruledgraph.app.calibration_choice import calibration_for
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.recording import Recording
 
 _CHOICE = (

@@ -20,7 +20,7 @@ from ruledgraph.app.interrupts import CaughtSignals
 from ruledgraph.app.refusals import Refusals
 from ruledgraph.app.remove_existing import remove_existing
 from ruledgraph.calibration import TYPICAL_IMU_NOISE, write_kalibr
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import MeasurementError, RuledgraphError
 from ruledgraph.core.measurements import Frame, ImuSample

@@ -251,7 +251,7 @@ def _line_row(line: LineEstimate) -> list[Any]:
     numbers = np.concatenate([line.ends.ravel(), *(c[upper] for c in line.covariance)])
     shown = [f"{number:.9g}" for number in numbers]
     stamps = (seconds(line.first_stamp), seconds(line.last_stamp))
-    return [line.number, *shown, *stamps, line.points, line.sightings, line.segment]
+    return [line.id, *shown, *stamps, line.points, line.sightings, line.segment]
 
 
 def _line_table(lines: Sequence[LineEstimate]) -> str:

@@ -11,7 +11,7 @@ import gtsam
 import numpy as np
 from rosbags import rosbag2
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import RuledgraphError, machine_error
@@ -136,7 +136,7 @@ class Ros2Output(Closing):
         return kind(
             header=self._header(line.last_stamp, WORLD),
             ns="lines",
-            id=line.number % 2**31,
+            id=line.id % 2**31,
             type=kind.LINE_LIST,
             action=kind.ADD,
             pose=no_pose,

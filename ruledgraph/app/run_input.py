@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ruledgraph.app.input_options import InputOptions
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.evaluation.ground_truth import GroundTruth, read_ground_truth

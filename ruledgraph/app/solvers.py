@@ -4,7 +4,7 @@
 
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.odometry import Odometry
 

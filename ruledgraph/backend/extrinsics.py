@@ -22,8 +22,8 @@ from typing_extensions import Self
 
 from ruledgraph.backend.camera_variable import CameraVariable
 from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.calibration_estimates import Extrinsics
 from ruledgraph.core.config import Config
-from ruledgraph.core.extrinsics import Extrinsics
 
 
 @dataclass(eq=False)

@@ -18,8 +18,8 @@ from gtsam.symbol_shorthand import F
 from typing_extensions import Self
 
 from ruledgraph.backend.camera_variable import ScalarVariable
+from ruledgraph.core.calibration_estimates import FocalRatio
 from ruledgraph.core.config import Config
-from ruledgraph.core.focal_ratio import FocalRatio
 
 
 @dataclass(eq=False)

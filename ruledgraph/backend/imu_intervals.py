@@ -12,11 +12,11 @@ from gtsam.symbol_shorthand import B, V, X
 
 from ruledgraph.backend.self_calibration import CameraVariables
 from ruledgraph.backend.states import Interval, StateNode
-from ruledgraph.calibration.sensors import ImuNoise
+from ruledgraph.calibration.imu_noise import ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import StartConfig
 from ruledgraph.imu.buffer import ImuBuffer, params_across
-from ruledgraph.imu.frame_history import FrameTime
+from ruledgraph.synchronization.frame_history import FrameTime
 from ruledgraph_factors import FrameMotion, ImuSamples, preintegrate_frames
 
 

@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 
 from ruledgraph.backend.states import Interval, StateNode
-from ruledgraph.calibration.sensors import ImuNoise
+from ruledgraph.calibration.imu_noise import ImuNoise
 from ruledgraph.core.estimates import Innovation
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.propagation import StateWithCovariance, propagated_covariances
@@ -36,7 +36,7 @@ class Prediction:
         self.state, self.time, self.covariance = gtsam.NavState(pose, velocity), time, covariance
 
 
-class Predictions:
+class ImuPredictions:
     """Of the newest state, from the states up to so long before it.
 
     Over that time the IMU's slow errors show (bias, scale), of which from one state to the next

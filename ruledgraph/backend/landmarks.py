@@ -12,7 +12,8 @@ import numpy as np
 from ruledgraph.backend.line_distance import InverseDistance
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.estimates import LineEstimate
-from ruledgraph.core.line_observations import LinePrediction
+from ruledgraph.core.line_geometry import closest_to_rays
+from ruledgraph.core.line_observations import PluckerEstimate
 from ruledgraph_factors import FactorError, LineChart
 
 # World coordinates (6,) and their derivative (6, 4).
@@ -22,8 +23,6 @@ Plucker: TypeAlias = tuple[FloatArray, FloatArray]
 _KEPT = 200
 # A direction shorter than this, of a unit Plucker pair, belongs to a line at infinity.
 _INFINITE = 1e-9
-# A ray is parallel to a line below this, the sine of their angle squared.
-_PARALLEL = 1e-4
 
 
 @dataclass(eq=False)
@@ -63,9 +62,9 @@ class Landmark:
             cached = self._cached_plucker = self.delta, self.chart, self.chart.plucker(self.delta)
         return cached[2]
 
-    def prediction(self) -> LinePrediction:
+    def prediction(self) -> PluckerEstimate:
         """What the front end needs to predict its ruling."""
-        return LinePrediction(*self.plucker, self.covariance)
+        return PluckerEstimate(*self.plucker, self.covariance)
 
     def inverse_distance(self) -> InverseDistance:
         """One over the distance from the anchor, 1/m."""
@@ -109,12 +108,8 @@ class Landmark:
         # Counted from the point next to the anchor, as by `LineChart.end_points`.
         foot += unit * (unit @ (self.chart.world_T_anchor.translation() - foot))
         views = np.array(self._views)
-        rays = views[:, 1:] / np.linalg.norm(views[:, 1:], axis=2, keepdims=True)
-        offset, cosine = views[:, 0] - foot, rays @ unit
-        sine2 = 1.0 - cosine * cosine
-        seen = (sine2 >= _PARALLEL).all(axis=1)
-        reach = (offset @ unit)[:, None] - cosine * np.einsum("nei,ni->ne", rays, offset)
-        return np.sort(reach[seen] / sine2[seen], axis=1)
+        reach = closest_to_rays(foot, unit, views[:, 0], views[:, 1:])
+        return np.sort(reach[np.isfinite(reach).all(axis=1)], axis=1)
 
 
 def record_extent(

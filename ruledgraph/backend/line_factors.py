@@ -13,7 +13,7 @@ from gtsam.symbol_shorthand import B, V, X
 
 from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.states import IntervalSightings, LineObservation, StateNode
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.config import Config, LinesConfig
 from ruledgraph.core.line_observations import Sighting
 from ruledgraph_factors import (

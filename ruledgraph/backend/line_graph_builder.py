@@ -44,7 +44,7 @@ class LineGraphBuilder:
     Args:
         model: of the camera and its edge points.
         config: of lines.
-        initial_lines: estimates of a start, by the number of the track.
+        initial_lines: estimates of a start, by the id of the track.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class LineGraphBuilder:
 
         While the body rests, all the window long, a line gets one only: later images repeat its
         errors, and counted again and again these move the estimate. The observation may be there
-        already, of `LineMap.observations_in`.
+        already, of `LineManager.observations_in`.
         """
         interval, index, sightings = seen
         if not index:

@@ -46,13 +46,13 @@ _ROUNDING = 1e-12
 def merged_lines(lines: Sequence[LineEstimate], config: MapConfig) -> list[LineEstimate]:
     """The map of lines that left the window: each physical line once, as far as can be told.
 
-    The best known lines come first. A merged line has the number of its first sighting; lines
+    The best known lines come first. A merged line has the id of its first sighting; lines
     without covariance stay as they are. The result is in order of the first sightings.
     """
     merging = _Merging(lines, config)
     for index in merging.order():
         merging.place(index)
-    return sorted(merging.lines(), key=lambda line: (line.first_stamp, line.number))
+    return sorted(merging.lines(), key=lambda line: (line.first_stamp, line.id))
 
 
 class _Chart(NamedTuple):
@@ -118,7 +118,7 @@ class _Merging:
         self._covariance = np.array([line.joint_covariance for line in lines]).reshape(-1, 6, 6)
         self._segment = np.array([line.segment for line in lines])
         stamps = [(line.first_stamp, line.last_stamp) for line in lines]
-        self._sightings = self._ends.copy(), np.array(stamps, dtype=np.int64).reshape(-1, 2)
+        self._views = self._ends.copy(), np.array(stamps, dtype=np.int64).reshape(-1, 2)
         self._members = [[index] for index in range(len(lines))]
         self._in_map = np.zeros(len(lines), dtype=bool)
         self._left = np.ones(len(lines), dtype=bool)
@@ -177,7 +177,7 @@ class _Merging:
 
     def _are_beside(self, chart: _Chart, index: int, other: int) -> bool:
         """Whether some of their sightings were at one time, one beside the other."""
-        ends, stamps = self._sightings
+        ends, stamps = self._views
         one, two = self._members[index], self._members[other]
         at_once = _overlaps(stamps[one], stamps[two]) > 0
         along = _overlaps(
@@ -199,7 +199,7 @@ class _Merging:
         self._members[index] += self._members[other]
         self._in_map[other] = self._left[other] = False
         one, two = self._lines[index], self._lines[other]
-        first = min(one, two, key=lambda line: (line.first_stamp, line.number))
+        first = min(one, two, key=lambda line: (line.first_stamp, line.id))
         self._lines[index] = replace(
             first,
             ends=mean[0],

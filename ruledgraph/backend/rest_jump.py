@@ -9,7 +9,7 @@ from scipy.special import chdtri
 
 from ruledgraph.backend.bias_jump import JumpTest
 from ruledgraph.backend.states import Interval
-from ruledgraph.calibration.sensors import ImuNoise
+from ruledgraph.calibration.imu_noise import ImuNoise
 from ruledgraph.core.config import Config
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.propagation import propagated_covariances

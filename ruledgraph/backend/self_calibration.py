@@ -10,10 +10,8 @@ from ruledgraph.backend.camera_variable import CameraVariable
 from ruledgraph.backend.extrinsics import ExtrinsicsVariable
 from ruledgraph.backend.focal_ratio import FocalRatioVariable
 from ruledgraph.backend.time_offset import TimeOffsetVariable
+from ruledgraph.core.calibration_estimates import Extrinsics, FocalRatio, TimeOffset
 from ruledgraph.core.config import Config
-from ruledgraph.core.extrinsics import Extrinsics
-from ruledgraph.core.focal_ratio import FocalRatio
-from ruledgraph.core.time_offset import TimeOffset
 
 
 class CameraVariables(NamedTuple):

@@ -9,24 +9,23 @@ from collections.abc import Collection, Sequence
 from ruledgraph.backend.bias_jump import JumpTest, bias_jump
 from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.imu_intervals import add_bias_jump, imu_interval
-from ruledgraph.backend.innovation import Predictions
+from ruledgraph.backend.innovation import ImuPredictions
 from ruledgraph.backend.landmarks import Landmark
-from ruledgraph.backend.line_map import LineMap
+from ruledgraph.backend.line_manager import LineManager
 from ruledgraph.backend.rest_factors import rest_factors
 from ruledgraph.backend.rest_jump import rest_jump
-from ruledgraph.backend.self_calibration import AS_CALIBRATED, SelfCalibration
+from ruledgraph.backend.self_calibration import SelfCalibration
 from ruledgraph.backend.start import Start
 from ruledgraph.backend.state_sequence import StateSequence
-from ruledgraph.backend.states import Interval, StateNode, joint_prior
+from ruledgraph.backend.states import Interval, LineObservation, StateNode, joint_prior
 from ruledgraph.backend.window_solver import WindowSolver
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
+from ruledgraph.core.calibration_estimates import Extrinsics, FocalRatio
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Innovation
-from ruledgraph.core.extrinsics import Extrinsics
-from ruledgraph.core.focal_ratio import FocalRatio
 from ruledgraph.core.line_observations import LineTrack
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.imu.frame_history import FrameTime
+from ruledgraph.synchronization.frame_history import FrameTime
 
 
 class Window:
@@ -51,8 +50,8 @@ class Window:
         self._imu_noise = calibration.imu_noise
         first = StateNode(0, start.time, start.state, start.bias, start.covariance)
         self._states = StateSequence(first)
-        self.line_map = LineMap(calibration, config, start)
-        self._solver = WindowSolver(self._states, self.line_map, config)
+        self.line_manager = LineManager(calibration, config, start)
+        self._solver = WindowSolver(self._states, self.line_manager, config)
         offset = start.time_offset
         self.self_calibration = SelfCalibration(
             None if offset is None else offset.plus(offset_correction), extrinsics, focal_ratio
@@ -65,7 +64,7 @@ class Window:
         """Of the newest state, see `Estimate.innovation`."""
         self.jump_test: JumpTest | None = None
         """Whether the IMU's biases jumped in the newest interval; None if that cannot be told."""
-        self._predictions = Predictions(config.integrity.innovation_span)
+        self._predictions = ImuPredictions(config.integrity.innovation_span)
         self._update = GraphUpdate()
         self._update.factors.add(joint_prior(first))
         self._update.insert(first)
@@ -88,12 +87,12 @@ class Window:
     @property
     def lines(self) -> dict[int, Landmark]:
         """The lines of the graph by their ids."""
-        return self.line_map.lines
+        return self.line_manager.lines
 
     @property
     def edge_sigma_px(self) -> float:
         """Standard deviation of an edge point as found by now, px."""
-        return self._config.edges.sigma_px * math.sqrt(self.line_map.weights.edge_variance)
+        return self._config.edges.sigma_px * math.sqrt(self.line_manager.weights.edge_variance)
 
     @property
     def recoveries(self) -> list[str]:
@@ -137,51 +136,63 @@ class Window:
                 they do, if any line of known distance was seen; inf: they do not, nor at rest
                 (`rest_jump`).
         """
-        before, latest = self.newest, self._states.latest_interval
-        camera = latest.camera if latest else AS_CALIBRATED
+        interval, new = self._next_interval(frames, imu, still, offset_correction)
+        known = self._test_for_jump(interval, imu, tracks, still, jump_threshold)
+        if self.jump_test and self.jump_test.jumped:
+            jump = self.jump_test.jump
+            add_bias_jump(interval, new, jump, imu, self._imu_noise, self._config.start)
+            self._predictions.restart(new.time)
+            known = {}
+        self.innovation = None
+        if interval.node.time == self.solved:
+            self._predictions.begin_at(interval.node)
+        self._predictions.carry_on(interval, new.time, imu, self._imu_noise)
+        self._append(interval, new)
+        self.line_manager.observe(tracks, self.intervals, new.time, self._update, known)
+
+    def _next_interval(
+        self, frames: Sequence[FrameTime], imu: ImuBuffer, still: bool, offset_correction: float
+    ) -> tuple[Interval, StateNode]:
+        before, latest, config = self.newest, self._states.latest_interval, self._config
         repeats_frame = False
-        if latest is not None and not latest.is_reliable and not imu.in_long_hole(before.time):
+        if latest is not None and not latest.is_reliable and not imu.in_long_dropout(before.time):
             repeats_frame = latest.last_is_repeated = True
             frames = [FrameTime(latest.stamps[-1], before.time), *frames]
-        interval, new = imu_interval(
-            before,
-            frames,
-            repeats_frame,
-            imu,
-            self._imu_noise,
-            self._config.imu.accelerometer_scale_sigma,
-            self.self_calibration.variables(
-                before.index,
-                before.time,
-                offset_correction,
-                camera,
-                self._config.window.camera_period,
-            ),
-            still,
+        last, period = self._states.latest_camera, config.window.camera_period
+        camera = self.self_calibration.variables(
+            before.index, before.time, offset_correction, last, period
         )
+        scale_sigma = config.imu.accelerometer_scale_sigma
+        return imu_interval(
+            before, frames, repeats_frame, imu, self._imu_noise, scale_sigma, camera, still
+        )
+
+    def _test_for_jump(
+        self,
+        interval: Interval,
+        imu: ImuBuffer,
+        tracks: Collection[LineTrack],
+        still: bool,
+        threshold: float,
+    ) -> dict[int, LineObservation]:
+        """Set `jump_test`; the observations of known lines that it needed."""
         is_tested = interval.is_reliable and not math.isinf(self.solved)
-        seen = self.line_map.observations_in(interval, tracks) if is_tested else {}
-        model, observed = self.line_map.model, list(seen.values())
-        test = bias_jump(interval, observed, model, jump_threshold, self._config)
-        if still and is_tested and jump_threshold < math.inf and not (test and test.jumped):
+        seen = self.line_manager.observations_in(interval, tracks) if is_tested else {}
+        model, observed = self.line_manager.model, list(seen.values())
+        test = bias_jump(interval, observed, model, threshold, self._config)
+        if still and is_tested and threshold < math.inf and not (test and test.jumped):
             of_rest = rest_jump(interval, imu, self._imu_noise, self._config)
             test = of_rest if of_rest and of_rest.jumped else test
         self.jump_test = test
-        if test and test.jumped:
-            add_bias_jump(interval, new, test.jump, imu, self._imu_noise, self._config.start)
-            self._predictions.restart(new.time)
-            seen = {}
+        return seen
+
+    def _append(self, interval: Interval, new: StateNode) -> None:
         self._update.factors.add(interval.imu_factor)
-        self._update.insert_camera(interval, camera, self._config)
-        self.innovation = None
-        if before.time == self.solved:
-            self._predictions.begin_at(before)
-        self._predictions.carry_on(interval, new.time, imu, self._imu_noise)
+        self._update.insert_camera(interval, self._states.latest_camera, self._config)
         self._states.append(interval, new)
         self._update.insert(new)
         for factor in rest_factors(self.intervals, new.time, self._config.rest):
             self._update.factors.add(factor)
-        self.line_map.observe(tracks, self.intervals, new.time, self._update, seen)
 
     # -- solving ---------------------------------------------------------------------------------
 
@@ -192,14 +203,14 @@ class Window:
             The intervals that left the window, with their final estimates.
         """
         gone = self._drop_old()
-        self.line_map.update_variables(self._update)
+        self.line_manager.update_variables(self._update)
         self._solver.solve(self._update)
         self._update = GraphUpdate()
         self.solved = self.newest.time
         self.innovation = self._predictions.innovation(self.newest)
         self.self_calibration = SelfCalibration.of(self.intervals[-1].camera)
-        self.line_map.check_fit(self.intervals[-1])
-        self.line_map.weights.update(self.intervals, self.lines.values())
+        self.line_manager.check_fit(self.intervals[-1])
+        self.line_manager.weights.update(self.intervals, self.lines.values())
         return gone
 
     def _drop_old(self) -> list[Interval]:
@@ -210,7 +221,7 @@ class Window:
             gone.append(interval)
             for line, factor, _, _ in interval.observations:
                 line.linearization_frozen |= factor.spec.line_key == line.key
-        self.line_map.retire(oldest)
+        self.line_manager.retire(oldest)
         return gone
 
     def read_smoothed_covariances(self) -> None:

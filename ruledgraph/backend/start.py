@@ -10,7 +10,7 @@ import numpy as np
 
 from ruledgraph.backend.line_distance import InverseDistance
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.core.time_offset import TimeOffset
+from ruledgraph.core.calibration_estimates import TimeOffset
 from ruledgraph_factors import LineChart
 
 
@@ -47,7 +47,7 @@ class Start:
     covariance: FloatArray
     """Of pose, velocity and bias, (15, 15)."""
     lines: dict[int, InitialLine]
-    """Of tracks by number: what is known of them already."""
+    """Of tracks by id: what is known of them already."""
     time_offset: TimeOffset | None = None
     """Beyond the frames' times; None: not to be estimated."""
     edge_variance: float = 1.0

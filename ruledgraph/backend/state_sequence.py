@@ -8,6 +8,7 @@ import gtsam
 from gtsam.symbol_shorthand import B, V, X
 
 from ruledgraph.backend.rest_factors import resting
+from ruledgraph.backend.self_calibration import AS_CALIBRATED, CameraVariables
 from ruledgraph.backend.states import Interval, StateNode
 
 
@@ -27,6 +28,12 @@ class StateSequence:
     def latest_interval(self) -> Interval | None:
         """The one that ends at the newest state; None with a single state."""
         return self.intervals[-1] if self.intervals else None
+
+    @property
+    def latest_camera(self) -> CameraVariables:
+        """What is estimated of the camera at the newest state."""
+        latest = self.latest_interval
+        return latest.camera if latest else AS_CALIBRATED
 
     @property
     def rests_since(self) -> float:

@@ -20,8 +20,8 @@ from gtsam.symbol_shorthand import T
 from typing_extensions import Self
 
 from ruledgraph.backend.camera_variable import ScalarVariable
+from ruledgraph.core.calibration_estimates import TimeOffset
 from ruledgraph.core.config import Config
-from ruledgraph.core.time_offset import TimeOffset
 
 
 @dataclass(eq=False)

@@ -8,7 +8,7 @@ from gtsam.symbol_shorthand import B, V, X
 
 from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother, SmootherError
 from ruledgraph.backend.graph_update import GraphUpdate
-from ruledgraph.backend.line_map import LineMap
+from ruledgraph.backend.line_manager import LineManager
 from ruledgraph.backend.recovery import rebuilt
 from ruledgraph.backend.state_sequence import StateSequence
 from ruledgraph.backend.states import Interval, StateNode
@@ -18,9 +18,9 @@ from ruledgraph.core.config import Config
 class WindowSolver:
     """Solves for states and lines and writes what it finds into them."""
 
-    def __init__(self, states: StateSequence, line_map: LineMap, config: Config) -> None:
+    def __init__(self, states: StateSequence, line_manager: LineManager, config: Config) -> None:
         self._states = states
-        self._line_map = line_map
+        self._line_manager = line_manager
         self._config = config
         self._smoother = FixedLagSmoother(config.window)
         self.recoveries: list[str] = []
@@ -46,7 +46,7 @@ class WindowSolver:
         added = update.factors, update.values, update.times
         estimate = self._smoother.update(*added, self._check, update.outliers)
         self._states.read(estimate)
-        self._line_map.read(estimate, self._smoother.linearization_point())
+        self._line_manager.read(estimate, self._smoother.linearization_point())
 
     def _check(self, estimate: gtsam.Values) -> bool:
         """Whether the newest state is close to the IMU's prediction; it must not be far off."""
@@ -65,13 +65,13 @@ class WindowSolver:
         """
         for with_lines in (True, False):
             if not with_lines:
-                self._line_map.reject_all()
+                self._line_manager.reject_all()
             try:
                 self._smoother = FixedLagSmoother(self._config.window, dogleg=True)
-                lines, states = self._line_map.lines.values(), self._states
+                lines, states = self._line_manager.lines.values(), self._states
                 update = rebuilt(states.nodes, states.intervals, lines, self._config)
                 self._solve(update)
-                self._line_map.keep_only(update.times)
+                self._line_manager.keep_only(update.times)
                 return
             except (SmootherError, np.linalg.LinAlgError):
                 continue  # the latter where a covariance is none
@@ -80,7 +80,7 @@ class WindowSolver:
     def _read_covariances(self) -> None:
         intervals, newest = self._states.intervals, self._states.newest
         self.read_covariance(newest, intervals[-1] if intervals else None)
-        self._line_map.read_covariances(self._smoother, newest.time)
+        self._line_manager.read_covariances(self._smoother, newest.time)
 
     def read_covariance(self, node: StateNode, interval: Interval | None = None) -> None:
         """Of a state, and of an interval's variables of the camera, by the smoother's present

@@ -5,10 +5,10 @@
 calibration = read_calibration("camchain-imucam.yaml", "imu.yaml", camera="cam0")
 """
 
-from ruledgraph.calibration.camera import camera_from_info
+from ruledgraph.calibration.camera_fields import camera_from_info
 from ruledgraph.calibration.kalibr import write_kalibr
 from ruledgraph.calibration.read import TYPICAL_IMU_NOISE, read_calibration
-from ruledgraph.calibration.section import CalibrationError
+from ruledgraph.calibration.sensor_fields import CalibrationError
 
 __all__ = [
     "TYPICAL_IMU_NOISE",

@@ -5,9 +5,9 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from ruledgraph.calibration.camera import kalibr_words
-from ruledgraph.calibration.section import NOISE_KEYS, CalibrationError
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.camera_fields import kalibr_words
+from ruledgraph.calibration.rig import Calibration
+from ruledgraph.calibration.sensor_fields import NOISE_KEYS, CalibrationError
 
 
 def write_kalibr(calibration: Calibration, path: str | Path) -> None:

@@ -9,16 +9,11 @@ from typing import Literal, TypeAlias
 
 import gtsam
 
-from ruledgraph.calibration.camera import model_of_camera, model_of_info
-from ruledgraph.calibration.section import NOISE_KEYS, CalibrationError, Section
-from ruledgraph.calibration.sensors import (
-    ADIS16448_LIKE,
-    D435I_LIKE,
-    MIN_NOISE,
-    Calibration,
-    CameraModel,
-    ImuNoise,
-)
+from ruledgraph.calibration.camera_fields import model_of_camera, model_of_info
+from ruledgraph.calibration.camera_model import CameraModel
+from ruledgraph.calibration.imu_noise import ADIS16448_LIKE, D435I_LIKE, MIN_NOISE, ImuNoise
+from ruledgraph.calibration.rig import Calibration
+from ruledgraph.calibration.sensor_fields import NOISE_KEYS, CalibrationError, Section
 from ruledgraph.core.plain_yaml import YamlError, read_yaml
 
 TYPICAL_IMU_NOISE = {"d435i": D435I_LIKE, "adis16448": ADIS16448_LIKE}

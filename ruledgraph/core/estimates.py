@@ -10,7 +10,7 @@ import gtsam
 import numpy as np
 
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.core.time_offset import NO_OFFSET, TimeOffset
+from ruledgraph.core.calibration_estimates import NO_OFFSET, TimeOffset
 from ruledgraph.core.trajectory import quaternion_xyzw
 
 Covariances: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
@@ -145,7 +145,7 @@ class Estimate:
 class LineEstimate:
     """A line as it left the window."""
 
-    number: int
+    id: int
     ends: FloatArray
     """In the world, (2, 3), m."""
     joint_covariance: FloatArray

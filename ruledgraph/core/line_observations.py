@@ -39,7 +39,7 @@ class LineTrack(NamedTuple):
     """In order of time, as far back as they are kept."""
 
 
-class LinePrediction(NamedTuple):
+class PluckerEstimate(NamedTuple):
     """The back end's estimate of a line, to predict its next ruling from."""
 
     plucker: FloatArray

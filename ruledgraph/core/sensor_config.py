@@ -87,17 +87,17 @@ class ImuConfig(Section):
     half a degree; 0: only the calibration's random walk."""
 
     max_sample_interval: float = number(0.05, "s", 1e-3, 1.0)
-    """A longer stretch without a new reading is a hole."""
-    max_hole: float = number(0.12, "s", 1e-3, 10.0)
-    """After a longer hole lines are no longer where they are expected."""
+    """A longer stretch without a new reading is a dropout."""
+    max_dropout: float = number(0.12, "s", 1e-3, 10.0)
+    """After a longer dropout lines are no longer where they are expected."""
     unsure_time: float = number(1.0, "s", 0.0, 60.0)
-    """How long after such a hole or a clipped reading estimates are called degraded."""
-    hole_rate_sigma: float = number(0.5, "rad/s", 0.0, 100.0)
-    """Standard deviation of the rate within a long hole from the line between its ends."""
-    hole_force_sigma: float = number(1.5, "m/s^2", 0.0, 1e3)
+    """How long after such a dropout or a clipped reading estimates are called degraded."""
+    dropout_rate_sigma: float = number(0.5, "rad/s", 0.0, 100.0)
+    """Standard deviation of the rate within a long dropout from the line between its ends."""
+    dropout_force_sigma: float = number(1.5, "m/s^2", 0.0, 1e3)
     """The same of the specific force."""
-    long_hole: float = number(0.2, "s", 1e-3, 10.0)
-    """Where that is reached; in a shorter hole it is less by the square of its length."""
+    long_dropout: float = number(0.2, "s", 1e-3, 10.0)
+    """Where that is reached; in a shorter dropout it is less by the square of its length."""
     frozen_repeats: int = number(4, "", 1, 1000)
     """A reading repeated so often, to the last bit, is that of a frozen IMU, unless the image
     rests."""

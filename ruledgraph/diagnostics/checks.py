@@ -10,7 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import Calibration, CameraModel, ImuNoise
+from ruledgraph.calibration.camera_model import CameraModel
+from ruledgraph.calibration.imu_noise import ImuNoise
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import DEFAULTS, Config, RestConfig
 from ruledgraph.core.measurements import Frame, ImuSample

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import DEFAULTS, Config
 from ruledgraph.core.measurements import Frame, ImuSample, Measurement

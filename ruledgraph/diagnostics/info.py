@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 
 from ruledgraph.calibration import CalibrationError, camera_from_info
-from ruledgraph.calibration.sensors import D435I_LIKE, Calibration, CameraModel, ImuNoise
+from ruledgraph.calibration.camera_model import CameraModel
+from ruledgraph.calibration.imu_noise import D435I_LIKE, ImuNoise
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.config import DEFAULTS, Config
 from ruledgraph.core.measurements import Gap
 from ruledgraph.core.new_folder import check_empty

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.diagnostics.finding import Finding
 from ruledgraph.initialization.image_rotation import PointPairs

@@ -5,7 +5,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.arrays import FloatArray
 
 # Normalised coordinates further out, 80 degrees from the optical axis, are not used: there a pixel

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import TracksConfig
 from ruledgraph.frontend.edge_search import normal_of

@@ -5,10 +5,10 @@
 from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import EdgesConfig, TracksConfig
-from ruledgraph.core.line_observations import LinePrediction, LineTrack
+from ruledgraph.core.line_observations import LineTrack, PluckerEstimate
 from ruledgraph.core.measurements import Frame
 from ruledgraph.core.timing import Timings
 from ruledgraph.frontend.detection import Detection
@@ -24,11 +24,11 @@ from ruledgraph.frontend.tracker import Tracker
 _MAX_GRADIENTS = 32
 
 
-class Predicted(NamedTuple):
+class FramePrediction(NamedTuple):
     """What is known of a frame before it is looked at."""
 
     motion: CameraMotion
-    lines: Mapping[int, LinePrediction]
+    lines: Mapping[int, PluckerEstimate]
     """Of the graph, by their ids; other tracks are predicted by the rotation alone."""
 
 
@@ -70,7 +70,7 @@ class FrontEnd:
         self,
         frame: Frame,
         time: float,
-        predicted: Predicted | None,
+        predicted: FramePrediction | None,
         detect_every: float | None,
         rows: RowMotion | None = None,
     ) -> list[int]:
@@ -99,7 +99,7 @@ class FrontEnd:
             if rows is not None:
                 moves = row_moves(self.tracker.tracks, rulings, lines, motion.world_T_cam, rows)
             found = self.tracker.track(frame.stamp, time, gradient, rulings, moves)
-        return [track.number for track in found]
+        return [track.id for track in found]
 
     def observed(self) -> list[LineTrack]:
         """The tracks as of the last frame, also those that have ended; see `drop_lost`."""

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruledgraph.core.arrays import FloatArray
-from ruledgraph.core.line_observations import LinePrediction, Sighting
+from ruledgraph.core.line_geometry import THROUGH_CENTRE
+from ruledgraph.core.line_observations import PluckerEstimate, Sighting
 from ruledgraph.frontend.edge_batch import Edges, Rulings, moved_ends
 from ruledgraph.frontend.edge_search import normal_of
 from ruledgraph.frontend.row_motion import (
@@ -27,9 +28,6 @@ from ruledgraph.frontend.row_motion import (
 )
 from ruledgraph.frontend.track import Track, Unsettled
 from ruledgraph_factors import GeometricPoints
-
-# The image of a line whose moment is shorter passes through everything: it goes through the camera.
-_THROUGH_CENTRE = 1e-9
 
 
 class RowMoves(NamedTuple):
@@ -53,7 +51,7 @@ class RowMoves(NamedTuple):
 def row_moves(
     tracks: Sequence[Track],
     rulings: Rulings,
-    lines: Mapping[int, LinePrediction],
+    lines: Mapping[int, PluckerEstimate],
     world_T_cam: gtsam.Pose3,
     rows: RowMotion,
 ) -> RowMoves:
@@ -62,11 +60,11 @@ def row_moves(
     `world_T_cam` is the camera's pose at the middle row.
     """
     moves = np.array([track.moves for track in tracks]).reshape(-1, 2, 2)
-    estimated = np.array([track.number in lines for track in tracks], dtype=bool)
+    estimated = np.array([track.id in lines for track in tracks], dtype=bool)
     if rows.positions is None:
         return RowMoves(rows, moves, np.zeros_like(estimated))
     if estimated.any():
-        known = np.array([lines[t.number].plucker for t in tracks if t.number in lines])
+        known = np.array([lines[t.id].plucker for t in tracks if t.id in lines])
         moves[estimated] = estimated_moves(rulings.ends[estimated], known, world_T_cam, rows)
     return RowMoves(rows, moves, estimated)
 
@@ -86,7 +84,7 @@ def estimated_moves(
     normals, off = normal_of(ends), []
     for centre in (rows.positions[0], rows.positions[-1]):
         n = moment - np.cross(centre, direction)
-        size = np.maximum(np.hypot(n[:, 0], n[:, 1]), _THROUGH_CENTRE)
+        size = np.maximum(np.hypot(n[:, 0], n[:, 1]), THROUGH_CENTRE)
         size *= np.sign(np.sum(n[:, :2] * normals, axis=1))
         with np.errstate(divide="ignore", invalid="ignore"):
             off.append(-np.einsum("nei,ni->ne", of_ends, n) / size[:, None])

@@ -13,18 +13,16 @@ import numpy as np
 
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import DEFAULTS, TracksConfig
-from ruledgraph.core.line_observations import LinePrediction
+from ruledgraph.core.line_geometry import THROUGH_CENTRE, closest_to_rays
+from ruledgraph.core.line_observations import PluckerEstimate
 from ruledgraph.frontend import kernel
 from ruledgraph.frontend.edge_batch import Rulings
 from ruledgraph.frontend.edge_search import normal_of
 from ruledgraph.frontend.track import Track
 from ruledgraph_factors.so3 import hat
 
-# The image of a line whose moment is shorter passes through everything: it goes through the camera.
-_THROUGH_CENTRE = 1e-9
-# A shorter direction is that of a line at infinity; the square of the sine of a line's angle with a
-# ray, below which they are parallel.
-_AT_INFINITY, _ALONG_RAY = 1e-6, 1e-4
+# A shorter direction is that of a line at infinity.
+_AT_INFINITY = 1e-6
 # s; frames are further apart.
 _MIN_ELAPSED = 1e-3
 
@@ -44,7 +42,7 @@ class CameraMotion(NamedTuple):
 
 def predict(
     tracks: Sequence[Track],
-    lines: Mapping[int, LinePrediction],
+    lines: Mapping[int, PluckerEstimate],
     motion: CameraMotion,
     focal: float,
     config: TracksConfig = DEFAULTS.tracks,
@@ -52,13 +50,13 @@ def predict(
     """Rulings of all tracks: by their line, if there is one in `lines`, else by the rotation.
 
     Tracks of the former get the rates that their line's prediction means. `lines` go by the track's
-    number; `focal` is the focal length, px.
+    id; `focal` is the focal length, px.
     """
     ratio = motion.focal_ratio
     rulings = by_rotation(tracks, motion.cam_R_before, motion.elapsed, focal, ratio)
-    at = [i for i, track in enumerate(tracks) if track.number in lines]
+    at = [i for i, track in enumerate(tracks) if track.id in lines]
     own = [tracks[i] for i in at]
-    known = [lines[track.number] for track in own]
+    known = [lines[track.id] for track in own]
     turned = by_rotation(own, motion.cam_R_before, 0.0, focal, ratio)
     estimated = by_estimate(own, known, motion, turned, focal, config)
     moved = np.einsum("nei,ni->ne", estimated.ends - turned.ends, normal_of(turned.ends)) * focal
@@ -100,7 +98,7 @@ def rotate_in_numpy(ends: FloatArray, cam_R_before: FloatArray, moved: FloatArra
 
 def by_estimate(
     tracks: Sequence[Track],
-    lines: Sequence[LinePrediction],
+    lines: Sequence[PluckerEstimate],
     motion: CameraMotion,
     otherwise: Rulings,
     focal: float,
@@ -186,7 +184,7 @@ def predict_in_numpy(
         gradient = _rays(found) @ by_m / size[..., None]
         variance = np.einsum("nei,nij,nej->ne", gradient, covariances, gradient)
         spread = np.hypot(focal * np.sqrt(np.maximum(variance, 0.0)), floors[:, None])
-    apart = size >= _THROUGH_CENTRE
+    apart = size >= THROUGH_CENTRE
     found = np.where(apart[..., None], found, ends)
     return found, np.where(apart, np.minimum(spread, max_sigma), sigmas)
 
@@ -201,13 +199,7 @@ def _ends_in_space(
     unit = direction / np.where(length > _AT_INFINITY, length, np.nan)
     foot = (hat(unit) @ (moment / length)[..., None])[..., 0]
     rays = _rays(seen) @ world_T_before[:3, :3].T
-    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
-    cosine = np.einsum("nei,ni->ne", rays, unit)
-    offset = world_T_before[:3, 3] - foot
-    sine2 = 1.0 - cosine * cosine
-    along = np.einsum("ni,ni->n", unit, offset)[:, None]
-    along = along - cosine * np.einsum("nei,ni->ne", rays, offset)
-    along /= np.where(sine2 < _ALONG_RAY, np.nan, sine2)
+    along = closest_to_rays(foot, unit, world_T_before[:3, 3], rays)
     return np.asarray(foot[:, None] + along[..., None] * unit[:, None])
 
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import DEFAULTS, EdgesConfig
 from ruledgraph.frontend.edge_search import EdgePoints, Ruling, fit_line

@@ -31,7 +31,7 @@ class Unsettled(NamedTuple):
 class Track:
     """A line in the image."""
 
-    number: int
+    id: int
     first_time: float
     """Time of the first sighting, s."""
     ends: FloatArray

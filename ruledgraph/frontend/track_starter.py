@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import EdgesConfig, TracksConfig
 from ruledgraph.frontend.duplicates import duplicates, first_of_duplicates
@@ -98,7 +98,7 @@ class TrackStarter:
     def _new_track(self, time: float, ends: FloatArray, slope: float) -> Track:
         self._started += 1
         return Track(
-            number=self._started,
+            id=self._started,
             first_time=time,
             ends=ends,
             slope=slope,

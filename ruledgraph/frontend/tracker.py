@@ -12,7 +12,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import EdgesConfig, TracksConfig
 from ruledgraph.core.line_observations import LineTrack, Sighting
@@ -173,14 +173,14 @@ class Tracker:
         saw before still counts.
         """
         return [
-            LineTrack(track.number, track.first_time, track.misses == 0, track.sightings)
+            LineTrack(track.id, track.first_time, track.misses == 0, track.sightings)
             for track in (*self.tracks, *self._ended)
         ]
 
     def reject(self, ids: Collection[int]) -> None:
         """Follow these tracks no longer, and forget what they saw."""
         for track in (*self.tracks, *self._ended):
-            if track.number in ids:
+            if track.id in ids:
                 track.mark_lost()
                 track.sightings = deque()
 

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""The IMU's samples: buffer, faults, and the synchronisation with the camera's frames."""
+"""The IMU: its samples, their faults, and states carried forward by them."""

@@ -9,10 +9,10 @@ from collections.abc import Iterable, Sequence
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import ImuNoise
+from ruledgraph.calibration.imu_noise import ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import DEFAULTS, ImuConfig
-from ruledgraph.imu.faults import RangeWatch, UnreliableInterval
+from ruledgraph.imu.faults import SaturationDetector, UnreliableInterval
 from ruledgraph_factors import ImuSamples
 
 # Repetitions are kept one by one for so long, s: more than frames are apart.
@@ -31,8 +31,8 @@ class ImuBuffer:
         self._times: list[float] = []
         self._values: list[FloatArray] = []
         self._repeats: list[float] = []
-        self._holes: deque[UnreliableInterval] = deque()
-        self._range = RangeWatch(config)
+        self._dropouts: deque[UnreliableInterval] = deque()
+        self._range = SaturationDetector(config)
         self.gravity = config.gravity_in_world
         """Where the samples are taken, in the world, (3,), m/s^2."""
         self.range_message = ""
@@ -74,7 +74,7 @@ class ImuBuffer:
 
     def _append(self, time: float, value: FloatArray) -> None:
         if self._times and time - self._times[-1] > self._config.max_sample_interval:
-            self._holes.append(_hole(self._times[-1], time, self._config))
+            self._dropouts.append(_dropout(self._times[-1], time, self._config))
         self._times.append(time)
         self._values.append(value)
 
@@ -101,23 +101,23 @@ class ImuBuffer:
     def unreliable(self, start: float, stop: float) -> list[UnreliableInterval]:
         """Where in (start, stop) samples are too far apart, or at the end of the range."""
         return [
-            *_overlapping(self._holes, start, stop),
+            *_overlapping(self._dropouts, start, stop),
             *_overlapping(self._range.unreliable, start, stop),
         ]
 
-    def in_long_hole(self, time: float) -> bool:
+    def in_long_dropout(self, time: float) -> bool:
         """Whether it is so long since the last sample that lines are no longer where expected."""
-        longest = self._config.max_hole
-        return any(time - hole.start > longest for hole in _overlapping(self._holes, time, time))
+        longest = self._config.max_dropout
+        return any(time - at.start > longest for at in _overlapping(self._dropouts, time, time))
 
     def was_degraded(self, time: float) -> bool:
         """Whether it was `interrupted` not long before."""
         return self.interrupted(time - self._config.unsure_time, time)
 
     def interrupted(self, start: float, stop: float) -> bool:
-        """Whether lines may have been lost over a hole in (start, stop), or readings clipped."""
-        holes = _overlapping(self._holes, start, stop)
-        is_long = any(hole.stop - hole.start > self._config.max_hole for hole in holes)
+        """Whether lines may have been lost over a dropout in (start, stop), or readings clipped."""
+        dropouts = _overlapping(self._dropouts, start, stop)
+        is_long = any(at.stop - at.start > self._config.max_dropout for at in dropouts)
         return is_long or bool(_overlapping(self._range.unreliable, start, stop))
 
     def _part(self, start: float, stop: float) -> slice:
@@ -128,8 +128,8 @@ class ImuBuffer:
         """Drop what is not needed to interpolate at or after `before`."""
         keep = max(bisect.bisect_right(self._times, before) - 2, 0)
         del self._times[:keep], self._values[:keep]
-        while self._holes and self._holes[0].stop < before:
-            self._holes.popleft()
+        while self._dropouts and self._dropouts[0].stop < before:
+            self._dropouts.popleft()
         self._range.forget(before)
 
     def clear(self) -> None:
@@ -137,13 +137,13 @@ class ImuBuffer:
         self._times.clear()
         self._values.clear()
         self._repeats.clear()
-        self._holes.clear()
+        self._dropouts.clear()
         self._range.interrupt()
 
 
-def _hole(start: float, stop: float, config: ImuConfig) -> UnreliableInterval:
-    shorter = min((stop - start) / config.long_hole, 1.0) ** 2
-    sigmas = np.repeat([config.hole_rate_sigma, config.hole_force_sigma], 3)
+def _dropout(start: float, stop: float, config: ImuConfig) -> UnreliableInterval:
+    shorter = min((stop - start) / config.long_dropout, 1.0) ** 2
+    sigmas = np.repeat([config.dropout_rate_sigma, config.dropout_force_sigma], 3)
     return UnreliableInterval(start, stop, shorter * sigmas)
 
 

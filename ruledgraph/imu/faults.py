@@ -102,7 +102,7 @@ class UnreliableInterval(NamedTuple):
     """Standard deviations of rate (rad/s) and specific force (m/s^2) there, by axes, (6,)."""
 
 
-class RangeWatch:
+class SaturationDetector:
     """Finds where the axes of a sensor end, by readings that stay there, and when they do.
 
     The axes of one sensor have one range: none ends where another one went well beyond.

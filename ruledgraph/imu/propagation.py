@@ -7,7 +7,7 @@ from typing import Protocol
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import ImuNoise
+from ruledgraph.calibration.imu_noise import ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.imu.buffer import ImuBuffer, params_across
 from ruledgraph_factors import FactorError, FrameMotion, preintegrate_frames

@@ -8,8 +8,8 @@ from scipy.linalg import block_diag
 
 from ruledgraph.backend.start import Start
 from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.calibration_estimates import TimeOffset
 from ruledgraph.core.config import Config
-from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.initialization.prior import Refusal, pose_covariance
 from ruledgraph_factors import level_attitude

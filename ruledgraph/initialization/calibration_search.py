@@ -10,15 +10,15 @@ rest in the first second that turns. It is used where it differs significantly f
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.camera_mounting import CameraMounting
+from ruledgraph.calibration.online_calibration import OnlineCalibration
+from ruledgraph.core.calibration_estimates import TimeOffset
 from ruledgraph.core.config import Config
 from ruledgraph.core.messages import Messages
-from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.imu.camera_clock import CameraClock
 from ruledgraph.initialization.mounting_check import check_mounting
 from ruledgraph.initialization.readout_search import ReadoutSearch
 from ruledgraph.initialization.time_offset_finder import FoundTimeOffset, TimeOffsetFinder, covered
+from ruledgraph.synchronization.camera_clock import CameraClock
 from ruledgraph_factors import ImuSamples
 
 # Standard deviations.
@@ -29,17 +29,21 @@ class CalibrationSearch:
     """Looks for time offset, mounting and readout until the images of a segment have shown them."""
 
     def __init__(
-        self, mounting: CameraMounting, clock: CameraClock, config: Config, warnings: Messages
+        self,
+        online_calibration: OnlineCalibration,
+        clock: CameraClock,
+        config: Config,
+        warnings: Messages,
     ) -> None:
         self.found: FoundTimeOffset | None = None
         """The last one, whether used or not."""
         self.used = False
         """Whether frames were timed with one that was found."""
-        self.readout = ReadoutSearch(mounting, config.start.gyroscope_bias, warnings)
+        self.readout = ReadoutSearch(online_calibration, config.start.gyroscope_bias, warnings)
         """Of the camera's rows, looked for in the same images."""
         self.rotation_replaced = False
         """Whether the last search has replaced the calibration's rotation of the camera."""
-        self._mounting = mounting
+        self._online_calibration = online_calibration
         self._clock = clock
         self._config = config
         self._warnings = warnings
@@ -56,7 +60,7 @@ class CalibrationSearch:
         self._begun = np.inf
         if self._config.time_offset.estimate or not self._checked:
             bias_sigma = self._config.start.gyroscope_bias
-            self._finder = TimeOffsetFinder(self._mounting.calibration, bias_sigma)
+            self._finder = TimeOffsetFinder(self._online_calibration.current, bias_sigma)
 
     def add_image(self, time: float, image: NDArray[np.uint8]) -> None:
         """The next image, with its stamp in s; one that was there before tells nothing new."""
@@ -125,7 +129,7 @@ class CalibrationSearch:
         """Once, when the images do not turn as the gyroscope says."""
         if self._checked or finder.count < finder.max_pairs:
             return
-        calibration = self._mounting.calibration
+        calibration = self._online_calibration.current
         pairs = covered(finder.pairs, samples, calibration.time_offset)
         bias_sigma = self._config.start.gyroscope_bias
         check = check_mounting(pairs, samples, calibration, bias_sigma)
@@ -134,6 +138,6 @@ class CalibrationSearch:
             is_replaced = self._config.extrinsics.from_images
             self._warnings.append(check.message(from_images=is_replaced))
             if is_replaced and not check.is_mirrored:
-                self._mounting.set_rotation(check.other_body_R_cam)
+                self._online_calibration.set_rotation(check.other_body_R_cam)
                 self.rotation_replaced = True
                 self.restart()

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import gtsam
 
 from ruledgraph.backend.line_factors import compressed_points
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
+from ruledgraph.core.calibration_estimates import TimeOffset
 from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack, Sighting
-from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph_factors import FrameMotion, GeometricPoints, ImuSamples, preintegrate_frames
 from ruledgraph_factors.closed_form import Planes
 

@@ -15,13 +15,12 @@ from scipy.special import chdtri
 
 from ruledgraph.backend.edge_noise import edge_variance
 from ruledgraph.backend.start import Start
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.calibration_estimates import TimeOffset
 from ruledgraph.core.config import Config, StartConfig
 from ruledgraph.core.line_observations import LineTrack
-from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.imu.rest import imu_rests
 from ruledgraph.initialization.batch import ROUGH, Batch
 from ruledgraph.initialization.first_window import FirstWindow, Seen
@@ -31,6 +30,7 @@ from ruledgraph.initialization.initial_values import (
     from_closed_form,
 )
 from ruledgraph.initialization.prior import Refusal, pose_covariance
+from ruledgraph.synchronization.frame_history import FrameTime
 from ruledgraph_factors import FactorError
 from ruledgraph_factors.closed_form import Planes, closed_form, gyroscope_bias
 

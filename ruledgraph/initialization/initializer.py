@@ -8,12 +8,12 @@ import numpy as np
 
 from ruledgraph.backend.start import Start
 from ruledgraph.core.config import Config
-from ruledgraph.imu.frame_history import TIME_TOLERANCE, FrameTime
 from ruledgraph.initialization.at_rest import start_at_rest
 from ruledgraph.initialization.calibration_search import CalibrationSearch
 from ruledgraph.initialization.in_motion import start_in_motion
 from ruledgraph.initialization.prior import Refusal
 from ruledgraph.stages import Stages
+from ruledgraph.synchronization.frame_history import TIME_TOLERANCE, FrameTime
 
 
 class FirstFrames(NamedTuple):
@@ -78,16 +78,15 @@ class Initializer:
             self._retimed = True
             return None
         self.refusal = ""
-        frames = [frame for frame in self._stages.sensors.frames if frame.stamp >= found.stamp]
+        frames = [frame for frame in self._stages.synchronizer.frames if frame.stamp >= found.stamp]
         return FirstFrames(found, frames)
 
     def _with_checked_offset(self, start: Start) -> Start | Refusal:
         """A start, unless images may show that its time offset is another one."""
         if start.time_offset is None:
             return start
-        mounting, sensors = self._stages.mounting, self._stages.sensors
-        offset = mounting.calibration.time_offset + sensors.offset_correction
-        offset += start.time_offset.value
+        calibrated = self._stages.online_calibration.current.time_offset
+        offset = calibrated + self._stages.synchronizer.offset_correction + start.time_offset.value
         if not self._calibration_search.contradicts_known(offset):
             return start
         return Refusal(
@@ -98,7 +97,7 @@ class Initializer:
     def _at_rest(self, now: FrameTime) -> Start | Refusal:
         self._last_attempt = now.time
         since, prior = now.time - self._config.rest.duration, self._stages.clock.start_prior
-        imu = self._stages.sensors.imu
+        imu = self._stages.synchronizer.imu
         return start_at_rest(imu, now.stamp, since, now.time, self._config, prior)
 
     def _in_motion(self, now: FrameTime) -> Start | Refusal | None:
@@ -107,7 +106,7 @@ class Initializer:
         """
         longest = min(self._config.start.longest, self._config.window.lag)
         stages = self._stages
-        imu, frames = stages.sensors.imu, stages.sensors.frames
+        imu, frames = stages.synchronizer.imu, stages.synchronizer.frames
         available = now.time - frames.first.time
         shortest = min(self._config.start.shortest, longest)
         if available < shortest - TIME_TOLERANCE:
@@ -124,10 +123,10 @@ class Initializer:
                 imu,
                 used,
                 stages.front_end.observed(),
-                stages.mounting.calibration,
+                stages.online_calibration.current,
                 self._config,
                 stages.clock.start_prior,
-                stages.mounting.ratio,
+                stages.online_calibration.ratio,
             )
             if isinstance(found, Start):
                 return found
@@ -140,5 +139,5 @@ class Initializer:
     def retime(self, change: float) -> None:
         """Move all frames in time, s, and try again with the next one."""
         self._last_attempt = -np.inf
-        self._stages.sensors.retime(change)
+        self._stages.synchronizer.retime(change)
         self._stages.front_end.retime(change)

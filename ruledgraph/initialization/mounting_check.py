@@ -10,7 +10,7 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.initialization.image_rotation import PointPairs
 from ruledgraph.initialization.rotation_fit import MIN_RATE_VARIATION, RotationFit, rate_variation

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ruledgraph.calibration.camera_mounting import CameraMounting
+from ruledgraph.calibration.online_calibration import OnlineCalibration
 from ruledgraph.core.messages import Messages
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.initialization.readout import ReadoutEstimate, estimated_readout
@@ -38,27 +38,29 @@ class ReadoutSearch:
     all. What is found is used as long as it is significant.
 
     Args:
-        mounting: whose calibration is searched for, if it does not say.
+        online_calibration: whose readout is searched for, if it does not say.
         bias_sigma: standard deviation of the gyroscope's bias, rad/s.
         warnings: messages for the user.
     """
 
-    def __init__(self, mounting: CameraMounting, bias_sigma: float, warnings: Messages) -> None:
+    def __init__(
+        self, online_calibration: OnlineCalibration, bias_sigma: float, warnings: Messages
+    ) -> None:
         self.found: Readout | None = None
         """None where none was found."""
         self.finder: TimeOffsetFinder | None = None
         """To be handed each image; None when no more are needed."""
-        self._mounting = mounting
+        self._online_calibration = online_calibration
         self._bias_sigma = bias_sigma
         self._warnings = warnings
         self._mean: Readout | None = None
         self._next_look = _MIN_PAIRS
-        if mounting.calibration.line_delay is None:
+        if online_calibration.current.line_delay is None:
             self._begin()
 
     def _begin(self) -> None:
         """With new images."""
-        finder = TimeOffsetFinder(self._mounting.calibration, self._bias_sigma)
+        finder = TimeOffsetFinder(self._online_calibration.current, self._bias_sigma)
         self.finder = finder
         self._next_look = _MIN_PAIRS if self._mean is None else finder.max_pairs
 
@@ -72,7 +74,7 @@ class ReadoutSearch:
         finder = self.finder
         if finder is None or finder.count < self._next_look:
             return
-        samples, as_global = imu.between(-np.inf, np.inf), self._mounting.calibration
+        samples, as_global = imu.between(-np.inf, np.inf), self._online_calibration.current
         as_global = as_global.with_readout(0.0)
         pairs = covered(finder.pairs, samples, as_global.time_offset)
         if 2 * len(pairs.times) < self._next_look:
@@ -110,7 +112,7 @@ class ReadoutSearch:
         """What was found, if it differs significantly from a global shutter's."""
         if readout is not None and _is_significant(readout):
             self.found = readout
-            self._mounting.set_readout(readout.value)
+            self._online_calibration.set_readout(readout.value)
             self._warnings.once(
                 "rolling shutter",
                 f"rolling shutter: readout {1e3 * readout.value:.0f} ± {1e3 * readout.sigma:.0f} "
@@ -119,7 +121,7 @@ class ReadoutSearch:
             )
         elif self.found is not None:
             self.found = None
-            self._mounting.set_readout(0.0)
+            self._online_calibration.set_readout(0.0)
             self._warnings.append(
                 "later images do not show that rows are read one after the other: the shutter "
                 "counts as global"

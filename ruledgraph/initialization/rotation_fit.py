@@ -8,7 +8,7 @@ Least squares in the time offset, the gyroscope's bias and the mounting; see `ti
 import cv2
 import numpy as np
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.initialization.image_rotation import (
     PointPairs,

@@ -4,7 +4,7 @@
 
 import numpy as np
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.initialization.image_rotation import PointPairs
 from ruledgraph_factors import ImuSamples

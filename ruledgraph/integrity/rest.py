@@ -10,8 +10,8 @@ from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import RestConfig
 from ruledgraph.frontend.image_motion import image_motion
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.imu.frame_history import TIME_TOLERANCE, FrameHistory
 from ruledgraph.imu.rest import imu_rests
+from ruledgraph.synchronization.frame_history import TIME_TOLERANCE, FrameHistory
 
 
 class RestDetector:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from numpy.typing import ArrayLike
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import RuledgraphError, machine_error

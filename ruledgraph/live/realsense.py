@@ -12,7 +12,9 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import Calibration, CameraModel, DistortionModel, ImuNoise
+from ruledgraph.calibration.camera_model import CameraModel, DistortionModel
+from ruledgraph.calibration.imu_noise import ImuNoise
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.live.split_imu import Clock, SplitImu

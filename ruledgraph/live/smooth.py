@@ -4,7 +4,7 @@
 
 from collections.abc import Iterable, Iterator
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Measurement

@@ -8,12 +8,12 @@ import time as clock
 
 import numpy as np
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.errors import MeasurementError, RuledgraphError
 from ruledgraph.core.measurements import MAX_IMU_GAP, Frame, ImuSample
 from ruledgraph.core.stamps import CLOSEST_FRAMES, CLOSEST_SAMPLES
 from ruledgraph.core.trajectory import seconds
-from ruledgraph.imu.image_input import image_fault
+from ruledgraph.synchronization.image_input import image_fault
 
 # So many samples in a row that are too far apart to be integrated are in another unit.
 _SPARSE = 3

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.measurements import Frame
 from ruledgraph.recording.container import MAX_BLOCK, RawMessage, Topic
 from ruledgraph.recording.errors import RecordingError

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ruledgraph.calibration import CalibrationError, camera_from_info
-from ruledgraph.calibration.section import LONGEST_LEVER
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
+from ruledgraph.calibration.sensor_fields import LONGEST_LEVER
 from ruledgraph.recording.container import Topic
 from ruledgraph.recording.errors import RecordingError
 from ruledgraph.recording.recording import Recording

@@ -11,7 +11,7 @@ from pathlib import Path
 from rosbags.rosbag1.writer import WriterError as Rosbag1Error
 from rosbags.rosbag2 import WriterError as Rosbag2Error
 
-from ruledgraph.calibration.sensors import Calibration, Mounting
+from ruledgraph.calibration.rig import Calibration, Mounting
 from ruledgraph.core.errors import machine_error
 from ruledgraph.core.measurements import Gap, Measurement
 from ruledgraph.recording.container import Kind

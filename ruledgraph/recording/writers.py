@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags import rosbag1, rosbag2
 
-from ruledgraph.calibration.camera import kalibr_words
-from ruledgraph.calibration.sensors import Calibration, CameraModel, ImuNoise, Mounting
+from ruledgraph.calibration.camera_fields import kalibr_words
+from ruledgraph.calibration.camera_model import CameraModel
+from ruledgraph.calibration.imu_noise import ImuNoise
+from ruledgraph.calibration.rig import Calibration, Mounting
 from ruledgraph.calibration.wide_angle import WIDE_ANGLE
 from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.core.trajectory import quaternion_xyzw

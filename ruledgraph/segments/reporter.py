@@ -13,14 +13,14 @@ from ruledgraph.backend.landmarks import Landmark
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.states import Interval
 from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.calibration_estimates import TimeOffset
 from ruledgraph.core.config import LinesConfig
 from ruledgraph.core.estimates import Covariances, Estimate, Status, blocks
 from ruledgraph.core.output import Output
-from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.imu.propagation import propagated_covariances, state_before
 from ruledgraph.integrity.monitor import IntegrityMonitor
+from ruledgraph.synchronization.frame_history import FrameTime
 
 
 class _FrameState(NamedTuple):

@@ -11,9 +11,9 @@ import numpy as np
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Covariances
-from ruledgraph.imu.frame_history import TIME_TOLERANCE
 from ruledgraph.integrity.rest import RestDetector
 from ruledgraph.integrity.unmoved_lines import log_odds_of_rest
+from ruledgraph.synchronization.frame_history import TIME_TOLERANCE
 
 
 class RestPhase:
@@ -120,7 +120,7 @@ class RestPhase:
         odds = log_odds_of_rest(
             *self._detector.lines_moved(window.rests_since),
             self._focal_length * moved_by,
-            window.line_map.usual_distance(),
+            window.line_manager.usual_distance(),
             self._config.lines.prior_distance_factor,
         )
         needed = -math.log1p(-self._config.rest.confidence)

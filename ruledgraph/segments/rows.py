@@ -7,14 +7,14 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.frontend.row_motion import RowMotion
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.imu.propagation import state_before
-from ruledgraph.segments.prediction import focal_ratio
+from ruledgraph.segments.frame_prediction import focal_ratio
 from ruledgraph.segments.segment import TrajectorySegment
 from ruledgraph.stages import Stages
+from ruledgraph.synchronization.frame_history import FrameTime
 from ruledgraph_factors import preintegrate_frames
 
 # Of the grid of rows, the middle one among them. Of a readout of 30 ms they are 4 ms apart, about
@@ -27,11 +27,11 @@ def row_motion(
     stages: Stages, segment: TrajectorySegment | None, now: FrameTime
 ) -> RowMotion | None:
     """The camera's motion during a frame, after `predicted`; None of a global shutter."""
-    imu, mounting = stages.sensors.imu, stages.mounting
-    half = 0.5 * mounting.calibration.readout
+    imu, online_calibration = stages.synchronizer.imu, stages.online_calibration
+    half = 0.5 * online_calibration.current.readout
     if not (half and imu.covers(now.time - half, now.time + half)):
         return None
-    calibration = replace(mounting.calibration, camera=mounting.camera)
+    calibration = replace(online_calibration.current, camera=online_calibration.camera)
     state, bias, ratio = None, _NO_BIAS, focal_ratio(stages, segment)
     if segment is not None:
         window = segment.window

@@ -11,13 +11,13 @@ from ruledgraph.backend.sliding_window import Window
 from ruledgraph.backend.start import Start
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Status, blocks
-from ruledgraph.imu.frame_history import TIME_TOLERANCE, FrameTime
 from ruledgraph.imu.propagation import ImuPropagator, rotation_bound
 from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState
 from ruledgraph.integrity.monitor import IntegrityMonitor
 from ruledgraph.segments.reporter import EstimateReporter
 from ruledgraph.segments.rest_phase import RestPhase
 from ruledgraph.stages import Stages
+from ruledgraph.synchronization.frame_history import TIME_TOLERANCE, FrameTime
 
 # rad; a frame gets a state when the body has turned by so much: half of what could be integrated.
 _MAX_TURN = 0.5 * np.pi
@@ -46,13 +46,13 @@ class TrajectorySegment:
         self._stages = stages
         self.confirmed = not start.lines
         """Whether the start is accepted; one in motion is on trial first."""
-        correction, known = stages.sensors.offset_correction, stages.mounting
-        calibration = known.calibration
+        correction, known = stages.synchronizer.offset_correction, stages.online_calibration
+        calibration = known.current
         camera = known.extrinsics, known.focal_ratio
         self.window = Window(calibration, config, start, correction, *camera)
         warnings, on_trial = stages.output.warnings, not self.confirmed
         self.monitor = IntegrityMonitor(gauge_uncertainty, warnings, config, on_trial)
-        imu, noise = stages.sensors.imu, calibration.imu_noise
+        imu, noise = stages.synchronizer.imu, calibration.imu_noise
         self._reporter = EstimateReporter(
             stages.output,
             number,
@@ -89,7 +89,7 @@ class TrajectorySegment:
         """Whether a frame at a time (s) gets a state."""
         elapsed = time - self.window.newest.time
         is_late = elapsed >= self._config.window.state_interval - TIME_TOLERANCE
-        rotated = rotation_bound(self._stages.sensors.imu, self.window.newest, time)
+        rotated = rotation_bound(self._stages.synchronizer.imu, self.window.newest, time)
         return is_late or rotated > _MAX_TURN
 
     @property
@@ -107,11 +107,11 @@ class TrajectorySegment:
     def body_T_cam(self) -> gtsam.Pose3:
         """The camera's pose in the body as the window has it."""
         extrinsics = self.window.self_calibration.extrinsics
-        return (extrinsics or self._stages.mounting.calibration).body_T_cam
+        return (extrinsics or self._stages.online_calibration.current).body_T_cam
 
     def is_motion_unreliable(self, time: float) -> bool:
         """Whether the IMU was unreliable in the last interval or since, up to a time, s."""
-        intervals, imu = self.window.intervals, self._stages.sensors.imu
+        intervals, imu = self.window.intervals, self._stages.synchronizer.imu
         unreliable = bool(intervals) and not intervals[-1].is_reliable
         return unreliable or bool(imu.unreliable(self.window.newest.time, time))
 
@@ -120,7 +120,7 @@ class TrajectorySegment:
         nothing done, while it is open whether a rest goes on.
         """
         rest, window = self.rest_phase, self.window
-        frames = self._stages.sensors.frames.after(window.newest.time)
+        frames = self._stages.synchronizer.frames.after(window.newest.time)
         if rest.is_undecided:
             return False
         idle = rest.goes_on and self.confirmed and rest.is_idle(window, frames[-1].time, self.state)
@@ -137,18 +137,18 @@ class TrajectorySegment:
 
     def _extend(self, frames: Sequence[FrameTime], observe_lines: bool = True) -> None:
         still = self.rest_phase.begin_state()
-        sensors, front_end = self._stages.sensors, self._stages.front_end
+        synchronizer, front_end = self._stages.synchronizer, self._stages.front_end
         tracks = front_end.observed() if observe_lines else []
-        correction, limit = sensors.offset_correction, self.monitor.jump_threshold
-        self.window.extend(frames, sensors.imu, tracks, still, correction, limit)
-        front_end.reject(self.window.line_map.take_rejected())
+        correction, limit = synchronizer.offset_correction, self.monitor.jump_threshold
+        self.window.extend(frames, synchronizer.imu, tracks, still, correction, limit)
+        front_end.reject(self.window.line_manager.take_rejected())
         self._propagator.reset()
 
     def _optimize(self) -> None:
         window, clock = self.window, self._stages.clock
         self._reporter.report_smoothed(window, window.optimize(), clock.offset)
-        self._reporter.lines(window.line_map.take_retired())
-        self._stages.front_end.reject(window.line_map.take_rejected())
+        self._reporter.lines(window.line_manager.take_retired())
+        self._stages.front_end.reject(window.line_manager.take_rejected())
         self.monitor.update(window, self.rest_phase.of_state, self.rest_phase.stayed_at)
         self._propagator.reset()
         self.state = window.newest.state
@@ -156,7 +156,7 @@ class TrajectorySegment:
         offset, extrinsics, focal_ratio = window.self_calibration
         clock.update(offset, reliable)
         if reliable:
-            self._stages.mounting.update(extrinsics, focal_ratio)
+            self._stages.online_calibration.update(extrinsics, focal_ratio)
 
     def confirm(self) -> None:
         """Accept a start that was on trial, with covariances as of now, not of the start."""
@@ -193,7 +193,7 @@ class TrajectorySegment:
         limits = self._config.integrity
         if lines >= limits.min_lines:
             self._last_lines = time
-        degraded = self._stages.sensors.imu.was_degraded(time)
+        degraded = self._stages.synchronizer.imu.was_degraded(time)
         if degraded or self.monitor.is_contradicted or self.is_motion_unreliable(time):
             return "degraded"
         if self.rest_phase.is_held:
@@ -207,7 +207,7 @@ class TrajectorySegment:
         ends by a failure.
         """
         window, has_failed = self.window, bool(self.failure)
-        left = self._stages.sensors.frames.after(window.newest.time)
+        left = self._stages.synchronizer.frames.after(window.newest.time)
         if window.is_plausible():
             if left:
                 self.update_rest(left[-1].time, last=True)
@@ -217,6 +217,6 @@ class TrajectorySegment:
             window.read_smoothed_covariances()
         left_over = list(window.intervals)
         self._reporter.report_smoothed(window, left_over, self._stages.clock.offset, has_failed)
-        self._reporter.lines([*window.line_map.take_retired(), *window.lines.values()])
+        self._reporter.lines([*window.line_manager.take_retired(), *window.lines.values()])
         self._reporter.release(window, self.confirmed)
         self._stages.output.recoveries.extend(window.recoveries)

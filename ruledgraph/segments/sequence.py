@@ -4,11 +4,10 @@
 
 import numpy as np
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Status
 from ruledgraph.core.measurements import Gap
-from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.imu.propagation import rotated_half_turn
 from ruledgraph.initialization.calibration_search import CalibrationSearch
 from ruledgraph.initialization.initializer import Initializer
@@ -16,6 +15,7 @@ from ruledgraph.integrity.gauge import GaugeUncertainty, ReliableState, continue
 from ruledgraph.segments.segment import TrajectorySegment
 from ruledgraph.segments.trial import Trial
 from ruledgraph.stages import Stages
+from ruledgraph.synchronization.frame_history import FrameTime
 
 
 class SegmentSequence:
@@ -29,7 +29,9 @@ class SegmentSequence:
         self.last_reliable: ReliableState | None = None
         """The last state whose lines fitted, where the next segment begins."""
         warnings = stages.output.warnings
-        self.calibration_search = CalibrationSearch(stages.mounting, stages.clock, config, warnings)
+        self.calibration_search = CalibrationSearch(
+            stages.online_calibration, stages.clock, config, warnings
+        )
         """Searches for the time offset by the rotation seen in the images."""
         self.initializer = Initializer(stages, self.calibration_search, config)
         self._calibration = calibration
@@ -41,7 +43,7 @@ class SegmentSequence:
     @property
     def status(self) -> str:
         """See `Odometry.status`."""
-        if sensor := self._stages.sensors.waits_for:
+        if sensor := self._stages.synchronizer.waits_for:
             return f"waiting for {sensor}"
         if self.current is None or self.last_status is None:
             return f"initializing: {self.initializer.refusal or 'no attempt to start yet'}"
@@ -105,8 +107,10 @@ class SegmentSequence:
 
     def _discard_start(self, time: float, reason: str) -> None:
         """Forget a start that is on trial, and its time offset; say why until the next attempt."""
-        sensors, known = self._stages.sensors, self._stages.clock.offset.value
-        self.initializer.retime(known - self._calibration.time_offset - sensors.offset_correction)
+        synchronizer, known = self._stages.synchronizer, self._stages.clock.offset.value
+        self.initializer.retime(
+            known - self._calibration.time_offset - synchronizer.offset_correction
+        )
         self.initializer.restart(f"the last start is discarded: {reason}")
         self.current = self._trial = None
         self._count -= 1
@@ -122,7 +126,7 @@ class SegmentSequence:
         by_window = (
             segment is not None and segment.confirmed and not segment.monitor.is_contradicted
         )
-        found = self.calibration_search.search(self._stages.sensors.imu, known, by_window)
+        found = self.calibration_search.search(self._stages.synchronizer.imu, known, by_window)
         if found is None and not self.calibration_search.rotation_replaced:
             return False
         if self._trial is not None:
@@ -131,7 +135,7 @@ class SegmentSequence:
             self.end()
         if found is not None:
             correction = found.value - self._calibration.time_offset
-            self.initializer.retime(correction - self._stages.sensors.offset_correction)
+            self.initializer.retime(correction - self._stages.synchronizer.offset_correction)
             clock.offset = found
         return True
 
@@ -139,14 +143,15 @@ class SegmentSequence:
 
     def end_at(self, gap: Gap) -> None:
         """The IMU was silent: end the segment, begin anew."""
-        sensors = self._stages.sensors
+        synchronizer = self._stages.synchronizer
         if self.current is not None:
             self._stages.output.warnings.append(
                 f"no IMU for {(gap.stop - gap.start) * 1e-9:.2f} s from "
-                f"{sensors.seconds(gap.start):.2f} s: a new segment begins where the last one ended"
+                f"{synchronizer.seconds(gap.start):.2f} s: "
+                "a new segment begins where the last one ended"
             )
         self.end()
-        sensors.restart(gap.stop)
+        synchronizer.restart(gap.stop)
 
     def end_if_cut_off(self, time: float) -> None:
         """End a segment that cannot be carried on to a frame at a time, s: nothing of its window is
@@ -156,10 +161,10 @@ class SegmentSequence:
         segment, warnings = self.current, self._stages.output.warnings
         if segment is None:
             return
-        since, newest = self._stages.sensors.frames.last.time, segment.window.newest.time
+        since, newest = self._stages.synchronizer.frames.last.time, segment.window.newest.time
         if time - newest >= self._config.window.lag:
             why = f"no frame for {time - since:.2f} s from {since:.2f} s"
-        elif rotated_half_turn(self._stages.sensors.imu, segment.window.newest, time):
+        elif rotated_half_turn(self._stages.synchronizer.imu, segment.window.newest, time):
             why = f"more than half a turn between the frames at {since:.2f} and {time:.2f} s"
         elif time - since > self._config.imu.silent_time:
             gap = f"no frame for {time - since:.2f} s from {since:.2f} s: the IMU alone carried on"
@@ -172,15 +177,15 @@ class SegmentSequence:
 
     def end_without_frames(self, kept: float) -> None:
         """End the segment when no frame came for so long, s; keep what a new start needs."""
-        sensors = self._stages.sensors
+        synchronizer = self._stages.synchronizer
         # Stamps may be that far behind the IMU by a known offset.
         late = self._config.imu.max_frame_wait + max(-self._calibration.time_offset, 0.0)
-        frames, before = sensors.frames, sensors.imu.latest - kept - late
+        frames, before = synchronizer.frames, synchronizer.imu.latest - kept - late
         if frames and frames.last.time < before:
-            self.end_if_cut_off(sensors.imu.latest)
+            self.end_if_cut_off(synchronizer.imu.latest)
             self.end()
         if not frames:
-            sensors.imu.forget(before)
+            synchronizer.imu.forget(before)
 
     def end(self) -> None:
         """End the segment, if there is one, and forget what was seen."""
@@ -191,7 +196,7 @@ class SegmentSequence:
         self.initializer.restart(reason)
 
     def _forget_frames(self) -> None:
-        self._stages.sensors.frames.clear()
+        self._stages.synchronizer.frames.clear()
         self._stages.front_end.clear()
 
     def finish(self) -> None:

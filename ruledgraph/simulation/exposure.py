@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.errors import RuledgraphError
 
 Image = NDArray[np.float32]

@@ -12,7 +12,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import ImuNoise
+from ruledgraph.calibration.imu_noise import ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import ImuSample

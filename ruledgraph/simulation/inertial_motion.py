@@ -14,7 +14,7 @@ from gtsam.symbol_shorthand import B, V, X
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ruledgraph.calibration.sensors import ImuNoise
+from ruledgraph.calibration.imu_noise import ImuNoise
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.simulation.motion import SplineMotion

@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from ruledgraph.calibration import read_calibration
-from ruledgraph.calibration.sensors import ADIS16448_LIKE, D435I_LIKE, Calibration, ImuNoise
+from ruledgraph.calibration.imu_noise import ADIS16448_LIKE, D435I_LIKE, ImuNoise
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.simulation.imu import RecordedImu
 from ruledgraph.simulation.measured import MeasuredMotion

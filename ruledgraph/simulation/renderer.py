@@ -16,7 +16,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.simulation.camera_rays import BentRays, Image, PinholeRays
 from ruledgraph.simulation.occlusion import CUT, FREE, Fragment, PaintersOrder

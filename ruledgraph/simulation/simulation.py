@@ -11,7 +11,9 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ruledgraph.calibration.sensors import D435I_LIKE, Calibration, CameraModel, ImuNoise
+from ruledgraph.calibration.camera_model import CameraModel
+from ruledgraph.calibration.imu_noise import D435I_LIKE, ImuNoise
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import Frame, ImuSample

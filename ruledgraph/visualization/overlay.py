@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.figure_style import Color, line_color, rgb, status_color
 from ruledgraph.visualization.views import View, ViewedLine
@@ -82,7 +82,7 @@ def _draw_number(image: Any, line: ViewedLine, camera: CameraModel, scale: int) 
     middle, along = curve[len(curve) // 2], curve[-1] - curve[0]
     across = np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-9)
     across = across if across[1] < 0.0 else -across
-    text = str(line.number)
+    text = str(line.id)
     (width, height), _ = cv2.getTextSize(text, _FONT, _NUMBER_SIZE, 1)
     u, v = middle + 14.0 * across
     corner = round(u - 0.5 * width), round(v + 0.5 * height)
@@ -111,7 +111,7 @@ def _draw_strip(canvas: Any, view: View) -> None:
 
 def _color(line: ViewedLine) -> Color:
     """Blue, green, red."""
-    red, green, blue = line_color(line.number) if line.in_graph else _YELLOW
+    red, green, blue = line_color(line.id) if line.in_graph else _YELLOW
     return blue, green, red
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import cv2
 from matplotlib.figure import Figure
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.figure_style import save_figure
 from ruledgraph.core.measurements import Frame
@@ -61,7 +61,7 @@ class PlotRecorder:
             for line in view.lines:
                 if line.in_graph:
                     ends = self._camera.distort(line.points[[0, -1]]).pixels
-                    self._surfaces[line.number].append((time, ends))
+                    self._surfaces[line.id].append((time, ends))
         if (stamp - self._last_overlay) * 1e-9 >= self._interval:
             self._last_overlay = stamp
             self._overlays[stamp] = draw_overlay(view, self._camera)

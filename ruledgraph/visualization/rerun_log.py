@@ -25,7 +25,7 @@ from urllib.parse import urlsplit
 import cv2
 import numpy as np
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import MachineError, RuledgraphError
@@ -117,7 +117,7 @@ class RerunLog(Closing):
         for line in lines:
             self._at(line.last_stamp)
             where = "world/lines" if _sigma(line) < _UNCERTAIN else "world/uncertain"
-            color = line_color(line.number)
+            color = line_color(line.id)
             strip = rr.LineStrips3D([line.ends], colors=[color], radii=-1.5)
             self._log(where, strip)
             self._log(f"{where}/ends", rr.Points3D(line.ends, colors=[color], radii=-2.5))
@@ -143,7 +143,7 @@ class RerunLog(Closing):
             outliers = odometry.config.lines.extent_outliers
             known = [line.estimate(outliers) for line in window.lines.values()]
             drawn = [x for x in known if x is not None and _sigma(x) < _UNCERTAIN]
-            ends, colors = [line.ends for line in drawn], [line_color(x.number) for x in drawn]
+            ends, colors = [line.ends for line in drawn], [line_color(x.id) for x in drawn]
             self._log("world/window", rr.LineStrips3D(ends, colors=colors, radii=-2.0))
 
     def _image(self, view: View) -> None:
@@ -152,10 +152,10 @@ class RerunLog(Closing):
         image = rr.EncodedImage(contents=encoded.tobytes(), media_type="image/jpeg")
         self._log("world/body/camera/image", image)
         camera = self._calibration.camera
-        colors = [line_color(line.number) if line.in_graph else _YELLOW for line in view.lines]
+        colors = [line_color(line.id) if line.in_graph else _YELLOW for line in view.lines]
         # Pixel (0, 0) has its centre at (0.5, 0.5) in Rerun.
         curves = [line.curve(camera) + 0.5 for line in view.lines]
-        labels = [str(line.number) for line in view.lines]
+        labels = [str(line.id) for line in view.lines]
         self._log(
             "world/body/camera/image/lines",
             rr.LineStrips2D(curves, colors=colors, labels=labels, radii=-1.5, show_labels=False),

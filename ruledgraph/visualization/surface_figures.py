@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core import figure_style as style
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.visualization.run_tables import RunTables

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import cv2
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.context import Closing
 from ruledgraph.core.errors import MachineError, RuledgraphError
 from ruledgraph.core.measurements import Frame

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.measurements import Frame
 from ruledgraph.frontend.track import Track
@@ -24,7 +24,7 @@ _CURVE_POINTS = 20
 class ViewedLine:
     """A line found in a frame."""
 
-    number: int
+    id: int
     ends: FloatArray
     """Of its ruling, normalised image coordinates, (2, 2)."""
     points: FloatArray
@@ -90,7 +90,7 @@ def _view(odometry: Odometry, frame: Frame, since_start: float) -> View:
         if seen is not None and seen.stamp == frame.stamp:
             ends = _as_calibrated(_ends(track, seen.points, frame.stamp), odometry)
             points = _as_calibrated(seen.points, odometry)
-            lines.append(ViewedLine(track.number, ends, points, track.number in in_graph))
+            lines.append(ViewedLine(track.id, ends, points, track.id in in_graph))
     status, _, _ = odometry.status.partition(":")
     return View(frame, tuple(lines), status, since_start)
 

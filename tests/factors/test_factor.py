@@ -13,7 +13,7 @@ from gtsam.symbol_shorthand import B, F, G, L, T, V, X
 from scipy.optimize import minimize_scalar
 
 from random_factors import FORMS, POINTS, random_case
-from ruledgraph.calibration.sensors import D435I_LIKE
+from ruledgraph.calibration.imu_noise import D435I_LIKE
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph_factors import (
     STANDARD_GRAVITY,

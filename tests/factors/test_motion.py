@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from numerics import derivative, relative_error
-from ruledgraph.calibration.sensors import D435I_LIKE
+from ruledgraph.calibration.imu_noise import D435I_LIKE
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph_factors import STANDARD_GRAVITY, FactorError, ImuSamples, preintegrate_frames
 

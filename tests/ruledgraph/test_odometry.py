@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ruledgraph
-from ruledgraph.calibration.sensors import ADIS16448_LIKE
+from ruledgraph.calibration.imu_noise import ADIS16448_LIKE
 from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.core.settings import load_config
 from ruledgraph.frontend.gradient import Gradient
@@ -171,5 +171,5 @@ def test_every_frames_velocity_is_its_own():
 def test_the_imus_white_noise_is_no_less_than_in_motion(least, expected):
     calibration = replace(small_stream()[1], imu_noise=ADIS16448_LIKE)
     settings = [f"imu.min_accelerometer_noise={least}", "imu.min_gyroscope_noise=1e-4"]
-    used = Odometry(calibration, load_config(None, settings)).mounting.calibration.imu_noise
+    used = Odometry(calibration, load_config(None, settings)).online_calibration.current.imu_noise
     assert used == replace(ADIS16448_LIKE, accelerometer=expected)

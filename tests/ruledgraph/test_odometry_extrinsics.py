@@ -29,7 +29,7 @@ def run(body_T_cam: gtsam.Pose3, *settings: str, moving: bool = True) -> tuple[O
 
 
 def error_deg(odometry: Odometry, true: gtsam.Pose3) -> float:
-    found = odometry.mounting.calibration.body_T_cam
+    found = odometry.online_calibration.current.body_T_cam
     return float(np.degrees(true.rotation().between(found.rotation()).axisAngle()[1]))
 
 

@@ -39,7 +39,7 @@ def test_a_focal_length_that_is_off_by_three_percent_is_found_and_reported(facto
     # As soon and as well as six seconds show it, the first of them at rest.
     settled = ("intrinsics.settled_states=5",)
     odometry, error = run(factor, *settled, moving=moving)
-    found = odometry.mounting.focal_ratio
+    found = odometry.online_calibration.focal_ratio
     assert found.value * factor == pytest.approx(1.0, abs=3.0 * found.sigma)
     assert found.sigma < 0.005
     word = "longer" if factor < 1.0 else "shorter"
@@ -87,7 +87,7 @@ def test_half_of_it_is_found_behind_a_lens_that_distorts():
     for measurement in made.stream():
         odometry.add(measurement)
     assert ate(odometry.take_live(), made) < 0.01
-    assert abs(odometry.mounting.ratio * 0.97 - 1.0) < 0.016
+    assert abs(odometry.online_calibration.ratio * 0.97 - 1.0) < 0.016
     # From when it was settled on points were undistorted by it.
-    assert odometry.tracker.camera == odometry.mounting.camera != given.camera
-    assert odometry.tracker.starter.camera == odometry.mounting.camera
+    assert odometry.tracker.camera == odometry.online_calibration.camera != given.camera
+    assert odometry.tracker.starter.camera == odometry.online_calibration.camera

@@ -11,11 +11,11 @@ from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Gap, ImuSample
 from ruledgraph.core.settings import load_config
-from ruledgraph.imu.synchronizer import Synchronizer
 from ruledgraph.initialization.calibration_search import CalibrationSearch
 from ruledgraph.integrity.gauge import yaw_alignment
 from ruledgraph.odometry import Odometry
 from ruledgraph.segments.trial import Trial
+from ruledgraph.synchronization.synchronizer import Synchronizer
 from small_runs import ate, run
 from small_simulation import frames, small_simulation, small_stream
 

@@ -6,7 +6,7 @@ import pytest
 
 from benchmark_recordings import Case, report, unpacked
 from recorded_runs import Recorded, Run, changed, changed_camera
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.measurements import Frame
 from ruledgraph.evaluation.ground_truth import read_ground_truth
 from ruledgraph.simulation import RecordedImu

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.measurements import Frame, ImuSample
 from small_runs import ate, run
 from small_simulation import SMALL, frames, small_simulation, small_stream

@@ -26,7 +26,7 @@ from gtsam.symbol_shorthand import B, L, V, X
 
 import ruledgraph_factors as rf
 from ruledgraph.app.batch.cluster import in_parallel
-from ruledgraph.calibration.sensors import D435I_LIKE
+from ruledgraph.calibration.imu_noise import D435I_LIKE
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.simulation import SplineMotion, simulate_imu
 from ruledgraph.simulation.edges import observe_segment

@@ -11,7 +11,7 @@ from ruledgraph.baselines.paper.derotation import Derotation, Inertial
 from ruledgraph.baselines.paper.start import PointDetector
 from ruledgraph.baselines.paper.surfaces import Surfaces, loss, solve
 from ruledgraph.baselines.paper.window import Rulings, Seen, Window
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.estimates import Estimate

@@ -143,7 +143,7 @@ class Window:
             extent = np.quantile(own, [_STRAY, 1.0 - _STRAY])
             lines.append(
                 LineEstimate(
-                    number=i,
+                    id=i,
                     ends=foot[i] + extent[:, None] * (beyond[i] - foot[i]),
                     joint_covariance=np.full((6, 6), np.nan),
                     first_stamp=self.frames[0].stamp,

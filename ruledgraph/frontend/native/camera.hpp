@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 //
 // The camera models, in plain C++. The native version of `CameraModel` in
-// `ruledgraph/calibration/sensors.py` and of `wide_angle.py` beside it, which say what is computed
+// `ruledgraph/calibration/camera_model.py` and of `wide_angle.py` beside it, which say what is computed
 // and stay the reference: same order of operations.
 #pragma once
 

@@ -32,7 +32,7 @@ def test_a_readout_that_was_found_is_written_with_the_first_rows_offset(tmp_path
     write_found_calibration(odometry, tmp_path / "none.yaml")
     assert "line_delay" not in (tmp_path / "none.yaml").read_text()
     assert "readout_s" not in calibration_summary(odometry)
-    odometry.mounting.set_readout(0.02)
+    odometry.online_calibration.set_readout(0.02)
     write_found_calibration(odometry, tmp_path / "found.yaml")
     found = read_calibration(tmp_path / "found.yaml")
     assert found.readout == pytest.approx(0.02)

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from ruledgraph.app.results import Results
+from ruledgraph.core.calibration_estimates import TimeOffset
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Estimate, LineEstimate
 from ruledgraph.core.settings import load_config
-from ruledgraph.core.time_offset import TimeOffset
 
 # Each number once, so that no column can stand for another.
 SIGMAS = {
@@ -53,7 +53,7 @@ def estimate(stamp: int = 1_500_000_000, at_state: bool = True) -> Estimate:
 def line() -> LineEstimate:
     covariance = np.arange(36.0).reshape(6, 6)
     return LineEstimate(
-        number=8,
+        id=8,
         ends=np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]),
         joint_covariance=covariance + covariance.T,
         first_stamp=1_000_000_000,
@@ -119,7 +119,7 @@ def test_columns_of_the_lines(folder):
 def test_the_files_of_lines_hold_the_map_and_until_the_end_what_was_seen(tmp_path):
     folder = tmp_path / "run"
     known = replace(line(), joint_covariance=1e-6 * np.eye(6))
-    later = replace(known, number=9, first_stamp=3_000_000_000, last_stamp=4_000_000_000)
+    later = replace(known, id=9, first_stamp=3_000_000_000, last_stamp=4_000_000_000)
     with Results(folder, Config()) as results:
         results.write([], [], [known])
         results.write([], [], [later])

@@ -25,9 +25,8 @@ from ruledgraph.backend.bias_jump import JUMP_DOF, bias_jump
 from ruledgraph.backend.line_factors import EdgeModel
 from ruledgraph.backend.sliding_window import Window
 from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.calibration_estimates import Extrinsics, FocalRatio
 from ruledgraph.core.config import Config
-from ruledgraph.core.extrinsics import Extrinsics
-from ruledgraph.core.focal_ratio import FocalRatio
 from ruledgraph.core.line_observations import LineTrack, Sighting
 from ruledgraph.imu.buffer import ImuBuffer
 from simulated_window import hand_held

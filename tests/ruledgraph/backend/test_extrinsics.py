@@ -12,9 +12,9 @@ from scipy.stats import chi2
 from failing_smoother import fail_updates
 from ideal_tracks import CALIBRATION, error_of, frame_times, ideal_tracks, start_of
 from ruledgraph.backend.sliding_window import Window
-from ruledgraph.calibration.camera_mounting import CameraMounting, mounting_warning
+from ruledgraph.calibration.online_calibration import OnlineCalibration, mounting_warning
+from ruledgraph.core.calibration_estimates import Extrinsics
 from ruledgraph.core.config import Config, ExtrinsicsConfig
-from ruledgraph.core.extrinsics import Extrinsics
 from ruledgraph.core.messages import Messages
 from simulated_window import hand_held
 
@@ -93,25 +93,29 @@ def test_a_smoother_that_is_rebuilt_keeps_it(monkeypatch):
 
 def test_a_mounting_begins_with_the_calibration_and_keeps_what_is_found():
     warnings = Messages()
-    mounting = CameraMounting(CALIBRATION, Config(), warnings)
-    known = mounting.extrinsics
+    online_calibration = OnlineCalibration(CALIBRATION, Config(), warnings)
+    known = online_calibration.extrinsics
     assert known.body_T_cam is TRUE
     np.testing.assert_allclose(np.sqrt(np.diag(known.covariance)), SIGMAS)
     found = Extrinsics(turned([0.0, 1.5, 0.0]), np.eye(6) * 1e-6)
-    mounting.update(found, None)
-    mounting.update(None, None)
-    assert mounting.extrinsics.body_T_cam is found.body_T_cam
-    assert mounting.calibration == dataclasses.replace(CALIBRATION, body_T_cam=found.body_T_cam)
+    online_calibration.update(found, None)
+    online_calibration.update(None, None)
+    assert online_calibration.extrinsics.body_T_cam is found.body_T_cam
+    assert online_calibration.current == dataclasses.replace(
+        CALIBRATION, body_T_cam=found.body_T_cam
+    )
     assert list(warnings) == []
     for turn in [1.5] * (DEFAULTS.settled_states - 2) + [0.1] + [1.5] * DEFAULTS.settled_states:
         # What passes is not told.
         assert list(warnings) == []
-        mounting.update(Extrinsics(turned([0.0, turn, 0.0]), np.eye(6) * 1e-6), None)
+        online_calibration.update(Extrinsics(turned([0.0, turn, 0.0]), np.eye(6) * 1e-6), None)
     assert list(warnings) == [
         "the camera is turned by 1.5 ± 0.1 deg from where the calibration has it on "
         "the IMU: correct T_cam_imu"
     ]
-    off = CameraMounting(CALIBRATION, Config(extrinsics=ExtrinsicsConfig(estimate=False)), warnings)
+    off = OnlineCalibration(
+        CALIBRATION, Config(extrinsics=ExtrinsicsConfig(estimate=False)), warnings
+    )
     assert off.extrinsics is None
 
 

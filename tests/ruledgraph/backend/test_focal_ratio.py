@@ -18,9 +18,9 @@ from ideal_tracks import (
     start_of,
 )
 from ruledgraph.backend.sliding_window import Window
-from ruledgraph.calibration.camera_mounting import CameraMounting, focal_warning
+from ruledgraph.calibration.online_calibration import OnlineCalibration, focal_warning
+from ruledgraph.core.calibration_estimates import FocalRatio
 from ruledgraph.core.config import Config, IntrinsicsConfig
-from ruledgraph.core.focal_ratio import FocalRatio
 from ruledgraph.core.messages import Messages
 from simulated_window import hand_held
 
@@ -116,28 +116,28 @@ def test_it_is_kept_and_warned_of_once_it_is_settled():
         CALIBRATION.camera, distortion="radtan", coefficients=(-0.283, 0.074, 2e-4, 0.0)
     )
     calibration = dataclasses.replace(CALIBRATION, camera=lens)
-    mounting = CameraMounting(calibration, Config(), warnings)
-    assert mounting.focal_ratio == FocalRatio(1.0, DEFAULTS.focal_sigma)
-    mounting.update(None, FocalRatio(1.03, 2e-3))
-    mounting.update(None, None)
-    assert mounting.focal_ratio == FocalRatio(1.03, 2e-3)
-    assert mounting.ratio == 1.03
-    assert mounting.calibration == calibration
+    online_calibration = OnlineCalibration(calibration, Config(), warnings)
+    assert online_calibration.focal_ratio == FocalRatio(1.0, DEFAULTS.focal_sigma)
+    online_calibration.update(None, FocalRatio(1.03, 2e-3))
+    online_calibration.update(None, None)
+    assert online_calibration.focal_ratio == FocalRatio(1.03, 2e-3)
+    assert online_calibration.ratio == 1.03
+    assert online_calibration.current == calibration
     for _ in range(DEFAULTS.settled_states - 1):
         assert list(warnings) == []
-        assert mounting.camera is lens
-        mounting.update(None, FocalRatio(1.03, 2e-3))
-    assert mounting.camera == lens.bent_by(1.03)
-    mounting.update(None, FocalRatio(1.034, 2e-3))
-    assert mounting.camera == lens.bent_by(1.03)
-    mounting.update(None, FocalRatio(1.037, 2e-3))
-    assert mounting.camera == lens.bent_by(1.037)
+        assert online_calibration.camera is lens
+        online_calibration.update(None, FocalRatio(1.03, 2e-3))
+    assert online_calibration.camera == lens.bent_by(1.03)
+    online_calibration.update(None, FocalRatio(1.034, 2e-3))
+    assert online_calibration.camera == lens.bent_by(1.03)
+    online_calibration.update(None, FocalRatio(1.037, 2e-3))
+    assert online_calibration.camera == lens.bent_by(1.037)
     (warning,) = warnings
     assert warning == (
         "the focal length is 3.0 ± 0.2 % longer than the calibration's: correct intrinsics"
     )
     held = Config(intrinsics=IntrinsicsConfig(estimate=False))
-    assert CameraMounting(CALIBRATION, held, warnings).focal_ratio is None
+    assert OnlineCalibration(CALIBRATION, held, warnings).focal_ratio is None
 
 
 @pytest.mark.parametrize("coefficients", [(-0.283, 0.074, 2e-4, -1e-4), (-0.2, 0.1, 0, 0, -0.02)])
@@ -172,6 +172,6 @@ def test_when_it_is_worth_a_warning(ratio, sigma, warned):
 def test_wide_angle_lenses_keep_the_calibrations(distortion, coefficients, estimated):
     lens = dataclasses.replace(CALIBRATION.camera, distortion=distortion, coefficients=coefficients)
     calibration = dataclasses.replace(CALIBRATION, camera=lens)
-    mounting = CameraMounting(calibration, Config(), Messages())
-    assert (mounting.focal_ratio is not None) == estimated
-    assert mounting.ratio == 1.0
+    online_calibration = OnlineCalibration(calibration, Config(), Messages())
+    assert (online_calibration.focal_ratio is not None) == estimated
+    assert online_calibration.ratio == 1.0

@@ -10,9 +10,9 @@ from ruledgraph.backend.imu_intervals import imu_interval
 from ruledgraph.backend.self_calibration import AS_CALIBRATED, CameraVariables
 from ruledgraph.backend.states import Interval, StateNode
 from ruledgraph.backend.time_offset import TimeOffsetVariable
-from ruledgraph.calibration.sensors import ADIS16448_LIKE
+from ruledgraph.calibration.imu_noise import ADIS16448_LIKE
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.imu.frame_history import FrameTime
+from ruledgraph.synchronization.frame_history import FrameTime
 
 TIMES = np.arange(0.0, 0.3001, 0.005)
 SIGMA = 0.02

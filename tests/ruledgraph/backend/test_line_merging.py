@@ -36,7 +36,7 @@ def test_a_line_that_was_seen_twice_is_one_as_long_as_both():
     (line,) = merged_lines(twice(later[::-1]), DEFAULT)  # the other way round, too
     low, high = sorted(line.ends[:, 1])
     assert (low, high) == pytest.approx((0.0, 1.8), abs=0.01)
-    assert (line.number, line.points, line.sightings) == (0, 200, 2)
+    assert (line.id, line.points, line.sightings) == (0, 200, 2)
     assert (line.first_stamp, line.last_stamp) == (0, 6_000_000_000)
 
 
@@ -91,7 +91,7 @@ def test_edges_that_were_seen_at_one_time_side_by_side_stay_two():
     lines = merged_lines(
         [sighting(EDGE), sighting(close, 1), sighting(EDGE, 2, seconds=(5, 6))], DEFAULT
     )
-    assert [(line.number, line.sightings) for line in lines] == [(0, 2), (1, 1)]
+    assert [(line.id, line.sightings) for line in lines] == [(0, 2), (1, 1)]
     # Two pieces of one edge, seen at one time, are one behind the other.
     pieces = [sighting(EDGE), sighting(EDGE + np.array([0.0, 1.02, 0.0]), 1)]
     assert len(merged_lines(pieces, DEFAULT)) == 1

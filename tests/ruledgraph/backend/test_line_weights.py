@@ -99,7 +99,7 @@ def test_the_noise_of_edges_is_found_whatever_the_figure(sigma_px):
     made = ideal_tracks(0, hand_held(np.random.default_rng(0)))
     settings = [f"edges.sigma_px={sigma_px}", "edges.correlation=1", "edges.variance_prior=0.1"]
     window, _ = run_window(made, load_config(None, settings))
-    found = sigma_px * np.sqrt(window.line_map.weights.edge_variance)
+    found = sigma_px * np.sqrt(window.line_manager.weights.edge_variance)
     # Lines that scatter more by chance count for less, and so would their share of the noise.
     assert found == pytest.approx(0.5, rel=0.1)
 

@@ -11,10 +11,8 @@ from ruledgraph.backend.self_calibration import (
     CameraVariables,
     SelfCalibration,
 )
+from ruledgraph.core.calibration_estimates import Extrinsics, FocalRatio, TimeOffset
 from ruledgraph.core.config import Config
-from ruledgraph.core.extrinsics import Extrinsics
-from ruledgraph.core.focal_ratio import FocalRatio
-from ruledgraph.core.time_offset import TimeOffset
 
 KNOWN = SelfCalibration(
     TimeOffset(0.01, 1e-3), Extrinsics(gtsam.Pose3(), 1e-4 * np.eye(6)), FocalRatio(1.0, 0.01)

@@ -95,7 +95,7 @@ def test_states_of_clipped_intervals_share_a_frame(monkeypatch):
                 assert factor.keys()[0] == X(after.node.index)
         assert sum(interval.repeats_frame for interval in intervals) > 3
         with monkeypatch.context() as patch:
-            patch.setattr(ImuBuffer, "in_long_hole", lambda *_: True)
+            patch.setattr(ImuBuffer, "in_long_dropout", lambda *_: True)
             without.append(clipped_run(seed)[0])
     assert np.median(errors) < 0.03  # three times what is allowed of one that is not clipped
     assert np.median(errors) < 0.5 * np.median(without)
@@ -121,7 +121,7 @@ def test_a_line_of_a_start_that_runs_through_the_camera_does_not_enter():
         CALIBRATION, Config(), replace(start, lines={track.id: InitialLine(chart, np.eye(4))})
     )
     window.extend(frame_times(made.stamps[1:4], made.times[1:4]), made.imu, [track], False)
-    assert window.line_map.take_rejected() == {track.id}
+    assert window.line_manager.take_rejected() == {track.id}
     assert track.id not in window.lines
 
 
@@ -130,8 +130,8 @@ def test_of_a_line_that_turns_round_nothing_but_a_prior_stays():
     smoother, line = window._solver._smoother, next(iter(window.lines.values()))
     before = len(_factors_on(smoother, line.key))
     line.delta = np.array([0.0, 0.0, 1.6, 0.0])  # over a quarter turn: no line does that
-    window.line_map.check_fit(window.intervals[-1])
-    assert window.line_map.take_rejected() == {line.id}
+    window.line_manager.check_fit(window.intervals[-1])
+    assert window.line_manager.take_rejected() == {line.id}
     window.optimize()
     left = _factors_on(smoother, line.key)
     assert before > 5

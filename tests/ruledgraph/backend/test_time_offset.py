@@ -11,16 +11,16 @@ import pytest
 from failing_smoother import fail_updates
 from ideal_tracks import CALIBRATION, IdealTracks, error_of, frame_times, ideal_tracks, start_of
 from ruledgraph.backend.sliding_window import Window
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
+from ruledgraph.core.calibration_estimates import TimeOffset
 from ruledgraph.core.config import Config
 from ruledgraph.core.estimates import Estimate
 from ruledgraph.core.measurements import Frame, Gap, Measurement
 from ruledgraph.core.messages import Messages
 from ruledgraph.core.settings import load_config
-from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.evaluation import alignment
-from ruledgraph.imu.camera_clock import CameraClock, corrected_offset, offset_warning
 from ruledgraph.odometry import Odometry
+from ruledgraph.synchronization.camera_clock import CameraClock, corrected_offset, offset_warning
 from simulated_window import hand_held
 from small_simulation import small_simulation, small_stream
 

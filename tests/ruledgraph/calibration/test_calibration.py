@@ -33,7 +33,9 @@ from ruledgraph.calibration import (
     camera_from_info,
     read_calibration,
 )
-from ruledgraph.calibration.sensors import ADIS16448_LIKE, D435I_LIKE, Calibration, CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
+from ruledgraph.calibration.imu_noise import ADIS16448_LIKE, D435I_LIKE
+from ruledgraph.calibration.rig import Calibration
 
 EUROC = Path(__file__).parents[3] / "../shared/data/euroc_MH_01_30s/MH_01_30s.calib.yaml"
 

@@ -11,7 +11,8 @@ import yaml
 
 from calibration_files import CAM0, CAMERA0, CAMERA1, IMU, INFO_CAMERA, assert_same
 from ruledgraph.calibration import CalibrationError, read_calibration, write_kalibr
-from ruledgraph.calibration.sensors import D435I_LIKE, Calibration, ImuNoise
+from ruledgraph.calibration.imu_noise import D435I_LIKE, ImuNoise
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.errors import RuledgraphError
 
 

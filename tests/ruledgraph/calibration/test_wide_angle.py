@@ -8,7 +8,9 @@ import pytest
 from numerics import derivative
 from recordings import sequence
 from ruledgraph.calibration import read_calibration, write_kalibr
-from ruledgraph.calibration.sensors import D435I_LIKE, Calibration, CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
+from ruledgraph.calibration.imu_noise import D435I_LIKE
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.recording import RecordingError, write_recording
 from ruledgraph.simulation import D435I

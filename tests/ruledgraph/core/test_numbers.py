@@ -9,7 +9,15 @@ import ruledgraph
 from ruledgraph.core.config import Config
 
 ROOT = Path(ruledgraph.__file__).parent
-STAGES = ("frontend", "backend", "integrity", "imu", "initialization", "segments")
+STAGES = (
+    "frontend",
+    "backend",
+    "integrity",
+    "imu",
+    "synchronization",
+    "initialization",
+    "segments",
+)
 
 NUMERICS = "guards against dividing by nothing"
 MEMORY = "bounds memory or work"
@@ -21,7 +29,7 @@ ALLOWED = {
         "_QUADRATIC": NUMERICS,
     },
     "backend/innovation.py": {"_MIN_GAIN": "below it what images tell is lost in linearisation"},
-    "backend/landmarks.py": {"_KEPT": MEMORY, "_INFINITE": NUMERICS, "_PARALLEL": NUMERICS},
+    "backend/landmarks.py": {"_KEPT": MEMORY, "_INFINITE": NUMERICS},
     "backend/line_distance.py": {"_KNOWN": "three standard deviations"},
     "backend/line_fit.py": {"_AT_INFINITY": NUMERICS},
     "backend/line_graph_builder.py": {"_MIN_RECENTRE_SIGMA": NUMERICS},
@@ -49,12 +57,9 @@ ALLOWED = {
     "frontend/line_detection.py": dict.fromkeys(
         ("_HOUGH_ROUNDS", "_HOUGH_REMOVE", "_LSD_STEPS"), "belongs to the detector's method"
     ),
-    "frontend/rolling_edges.py": {"_THROUGH_CENTRE": NUMERICS},
     "frontend/row_motion.py": {"_REPETITIONS": "until a fixed point stands"},
     "frontend/ruling_prediction.py": {
-        "_THROUGH_CENTRE": NUMERICS,
         "_AT_INFINITY": NUMERICS,
-        "_ALONG_RAY": NUMERICS,
         "_MIN_ELAPSED": NUMERICS,
     },
     "frontend/sobel.py": dict.fromkeys(
@@ -64,18 +69,18 @@ ALLOWED = {
     "frontend/tracker.py": {"_UNBOUNDED": "stands for infinity: beyond any image"},
     "integrity/variance_factor.py": {"_SIGMAS": "the bounds that errors are held against"},
     "imu/buffer.py": {"_REPEATS_KEPT": MEMORY},
-    "imu/camera_clock.py": {"_SIGNIFICANT": "three standard deviations"},
+    "synchronization/camera_clock.py": {"_SIGNIFICANT": "three standard deviations"},
     "imu/propagation.py": {"_SHORTEST": NUMERICS},
     "imu/faults.py": {
         "_CHANGES": MEMORY,
         "_OF_STEPS": "definition: the first decile, below which interpolated readings are left out",
     },
-    "imu/image_input.py": dict.fromkeys(
+    "synchronization/image_input.py": dict.fromkeys(
         ("_MANY_CLOSE", "_CLOSE"), "tells a wrong unit from stamps that scatter"
     ),
     "integrity/unmoved_lines.py": {"_NOISE": "how well lines of real images are found"},
     "imu/rest.py": {"_MIN_READINGS": "two readings, less their mean, have no integral"},
-    "imu/synchronizer.py": {"_UNRELATED": "chooses the words of a warning"},
+    "synchronization/synchronizer.py": {"_UNRELATED": "chooses the words of a warning"},
     "initialization/batch.py": {"_BETTER": "a chi-square of two: more than rounding"},
     "initialization/bordered_system.py": dict.fromkeys(("_MIN", "_MAX"), NUMERICS),
     "initialization/calibration_search.py": {"_SIGNIFICANT": "three standard deviations"},

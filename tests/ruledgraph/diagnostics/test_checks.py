@@ -14,7 +14,8 @@ from click.testing import CliRunner
 from recordings import T0, Entry, entries_of, new, sequence, write_asl, write_bag
 from ruledgraph.app.cli import main
 from ruledgraph.calibration import write_kalibr
-from ruledgraph.calibration.sensors import D435I_LIKE, CameraModel, ImuNoise
+from ruledgraph.calibration.camera_model import CameraModel
+from ruledgraph.calibration.imu_noise import D435I_LIKE, ImuNoise
 from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.core.settings import load_config
 from ruledgraph.diagnostics.checks import Observations, examine, examine_calibration, rests

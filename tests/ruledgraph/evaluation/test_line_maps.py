@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.evaluation.line_maps import line_map_accuracy, points_in_view
 
 TRUE = np.array(

@@ -67,7 +67,7 @@ def test_lost_tracks_are_in_no_ones_way():
         detection.start_tracks()
         (track,) = tracker.tracks
         track.mark_lost()
-    assert track.number == 2
+    assert track.id == 2
 
 
 def test_what_is_forgotten_starts_nothing():

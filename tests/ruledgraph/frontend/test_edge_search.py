@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from edge_images import CAMERA, edge_image, line_through
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.config import EdgesConfig
 from ruledgraph.frontend.edge_search import Ruling, normal_of, scaled_to, search
 from ruledgraph.frontend.gradient import Gradient

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.frontend.field_of_view import field_of_view, within_reach
 from ruledgraph.simulation import D435I, simulate
 from small_runs import ate, run

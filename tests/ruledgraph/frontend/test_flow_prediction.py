@@ -17,7 +17,7 @@ def track(ends, flow=(0.0, 0.0)) -> Track:
     """Moving with a flow, px/s, the same at both ends."""
     ends = np.asarray(ends, dtype=float)
     rate = float(normal_of(ends) @ np.asarray(flow))
-    return Track(number=0, first_time=0.0, ends=ends, slope=5.0, rates=(rate, rate))
+    return Track(id=0, first_time=0.0, ends=ends, slope=5.0, rates=(rate, rate))
 
 
 def upright(x: float) -> np.ndarray:

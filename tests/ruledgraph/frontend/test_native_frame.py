@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.config import EdgesConfig
 from ruledgraph.frontend import kernel
 from ruledgraph.frontend.edge_batch import SEARCH_SETTINGS, Edges, Rulings, search_all

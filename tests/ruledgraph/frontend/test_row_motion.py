@@ -12,7 +12,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.line_observations import Sighting
 from ruledgraph.frontend.edge_batch import Edges, Rulings
 from ruledgraph.frontend.rolling_edges import (
@@ -142,7 +142,7 @@ def test_rulings_are_bent_to_where_the_image_shows_them(camera: CameraModel) -> 
 
 
 def track_at(ends: np.ndarray) -> Track:
-    return Track(number=1, first_time=0.0, ends=ends, slope=20.0)
+    return Track(id=1, first_time=0.0, ends=ends, slope=20.0)
 
 
 def edges_of(points: np.ndarray, a: float, b: float) -> Edges:

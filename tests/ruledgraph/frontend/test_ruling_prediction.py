@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from ruledgraph.core.line_observations import LinePrediction
+from ruledgraph.core.line_observations import PluckerEstimate
 from ruledgraph.frontend import kernel
 from ruledgraph.frontend.edge_batch import Rulings
 from ruledgraph.frontend.edge_search import normal_of
@@ -38,8 +38,8 @@ class Line:
     covariance: np.ndarray
 
     @property
-    def prediction(self) -> LinePrediction:
-        return LinePrediction(*self.chart.plucker(np.zeros(4)), self.covariance)
+    def prediction(self) -> PluckerEstimate:
+        return PluckerEstimate(*self.chart.plucker(np.zeros(4)), self.covariance)
 
 
 def random_line(rng: np.random.Generator) -> tuple[Line, np.ndarray]:
@@ -144,7 +144,7 @@ def test_the_rates_of_a_line_in_the_graph_are_those_that_its_estimate_means():
     lines = [random_line(np.random.default_rng(seed))[0] for seed in range(20)]
     tracks, known = [line.track for line in lines], {}
     for number, line in enumerate(lines):
-        line.track.number, line.track.rates = number, (300.0, -200.0)  # of frames before
+        line.track.id, line.track.rates = number, (300.0, -200.0)  # of frames before
         known[number] = line.prediction
     rulings = predict(tracks, known, MOTION, FOCAL)
     again = by_rotation(tracks, MOTION.cam_R_before, MOTION.elapsed, FOCAL)

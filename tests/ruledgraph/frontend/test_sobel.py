@@ -4,7 +4,7 @@
 import numpy as np
 
 from edge_images import CAMERA, edge_image, line_through
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.frontend.edge_search import Ruling
 from ruledgraph.frontend.sobel import search_sobel, sobel_points
 

@@ -34,9 +34,9 @@ def where_they_are(tracker: Tracker, sigma: float = 3.0) -> Rulings:
 
 
 def started(tracker: Tracker, gradient: Gradient, *lines: np.ndarray) -> list[int]:
-    before = {track.number for track in tracker.tracks}
+    before = {track.id for track in tracker.tracks}
     tracker.start_new(0, 0.0, in_pixels(*lines).reshape(-1, 2, 2), gradient)
-    return [track.number for track in tracker.tracks if track.number not in before]
+    return [track.id for track in tracker.tracks if track.id not in before]
 
 
 def test_a_line_is_started_once_whether_it_comes_twice_or_again():
@@ -93,7 +93,7 @@ def test_lines_that_cross_and_edges_of_other_polarity_are_not_the_same(degrees, 
     tracker.tracks[0].slope = 20.0
     tracker.tracks[1].ends, tracker.tracks[1].slope = turned(LEVEL, degrees, 40.0), slope
     tracker.drop_duplicates()
-    assert [track.number for track in tracker.tracks] == ([1, 2] if is_other else [1])
+    assert [track.id for track in tracker.tracks] == ([1, 2] if is_other else [1])
 
 
 def test_a_steady_motion_of_a_line_is_learnt():
@@ -256,8 +256,8 @@ def test_a_new_track_is_expected_to_move_as_those_around_it():
         tracker.track(i, 0.05 * i, scene(*at[i]), rulings._replace(sigmas=wide))
     (new,) = started(tracker, scene(*at[3]), at[3][2])
     rulings = by_rotation(tracker.tracks, np.eye(3), 0.05, CAMERA.focal_length)
-    expected = rulings.ends[[track.number for track in tracker.tracks].index(new)]
+    expected = rulings.ends[[track.id for track in tracker.tracks].index(new)]
     off = line_through(*at[4][2]) @ np.column_stack([expected, np.ones(2)]).T
     assert np.abs(off).max() * CAMERA.focal_length < 10.0
     found = tracker.track(4, 0.2, scene(*at[4]), rulings)
-    assert new in [track.number for track in found]
+    assert new in [track.id for track in found]

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from ruledgraph.calibration.sensors import D435I_LIKE
+from ruledgraph.calibration.imu_noise import D435I_LIKE
 from ruledgraph.imu.buffer import ImuBuffer, params_across
 from ruledgraph_factors import STANDARD_GRAVITY
 
@@ -58,13 +58,13 @@ def test_noise_across_holes():
     densities = []
     for length in (0.06, 0.1, 0.3, 0.5):
         imu = filled(skip=range(40, 40 + round(length / STEP)))
-        (hole,) = imu.unreliable(0.0, 0.99)
-        density = rate_density(hole, hole.start, hole.stop)
+        (dropout,) = imu.unreliable(0.0, 0.99)
+        density = rate_density(dropout, dropout.start, dropout.stop)
         densities.append(density)
         # Half of it has what belongs to half of it.
-        middle = 0.5 * (hole.start + hole.stop)
-        assert rate_density(hole, hole.start, middle) == pytest.approx(density)
-        assert rate_density(hole, hole.start - 0.1, hole.stop) < density
+        middle = 0.5 * (dropout.start + dropout.stop)
+        assert rate_density(dropout, dropout.start, middle) == pytest.approx(density)
+        assert rate_density(dropout, dropout.start - 0.1, dropout.stop) < density
     assert densities == sorted(densities)
     # After half a second of silence the attitude is open by half of that, in rad, at 0.5 rad/s.
     assert densities[-1] * np.sqrt(0.5) == pytest.approx(0.25, rel=0.05)
@@ -122,11 +122,11 @@ def test_how_long_estimates_are_unsure():
     imu = clipped()
     assert imu.was_degraded(0.2)
     assert not imu.was_degraded(0.1)
-    assert not imu.in_long_hole(0.2)  # lines are still where the other axes say
+    assert not imu.in_long_dropout(0.2)  # lines are still where the other axes say
     for missing, unsure in ((15, False), (60, True)):
         imu = filled(skip=range(40, 40 + missing))
-        assert imu.in_long_hole((40 + missing - 2) * STEP) == unsure
-        assert not imu.in_long_hole((40 + missing + 1) * STEP)
+        assert imu.in_long_dropout((40 + missing - 2) * STEP) == unsure
+        assert not imu.in_long_dropout((40 + missing + 1) * STEP)
         assert imu.was_degraded((40 + missing + 10) * STEP) == unsure
 
 
@@ -138,7 +138,7 @@ def test_where_all_axes_are_clipped_one_after_the_other_there_is_no_hole():
         imu.append(time, reading[:3], reading[3:])
     assert any(np.all(interval.sigmas > 0.0) for interval in imu.unreliable(0.0, 1.0))
     assert imu.interrupted(0.0, 1.0)
-    assert not any(imu.in_long_hole(time) for time in np.linspace(0.05, 0.95, 19).tolist())
+    assert not any(imu.in_long_dropout(time) for time in np.linspace(0.05, 0.95, 19).tolist())
 
 
 def test_a_message_about_the_range_comes_once():

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from ruledgraph.imu.faults import RangeWatch, SpikeFilter
+from ruledgraph.imu.faults import SaturationDetector, SpikeFilter
 
 RATE = 200.0
 # Of a sample at 200 Hz of a D435i-like IMU, rad/s and m/s^2.
@@ -111,7 +111,7 @@ def test_late_readings_are_left_out():
 
 
 def watched(times: np.ndarray, values: np.ndarray):
-    watch = RangeWatch()
+    watch = SaturationDetector()
     taken = zip(times.tolist(), values, strict=True)
     return watch, [news for time, value in taken if (news := watch.add(time, value))]
 

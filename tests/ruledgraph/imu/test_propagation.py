@@ -7,7 +7,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from ruledgraph.calibration.sensors import D435I_LIKE
+from ruledgraph.calibration.imu_noise import D435I_LIKE
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.imu.propagation import propagated_covariances
 from ruledgraph_factors import preintegrate_frames

@@ -9,8 +9,8 @@ from gtsam import noiseModel
 
 from ideal_tracks import CALIBRATION, ideal_tracks
 from ruledgraph.backend.line_factors import compressed_points
+from ruledgraph.core.calibration_estimates import TimeOffset
 from ruledgraph.core.config import Config
-from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.initialization.batch_problem import (
     BIAS,
     POSE,

@@ -5,16 +5,16 @@
 import numpy as np
 import pytest
 
-from ruledgraph.calibration.camera_mounting import CameraMounting
+from ruledgraph.calibration.online_calibration import OnlineCalibration
+from ruledgraph.core.calibration_estimates import TimeOffset
 from ruledgraph.core.config import Config
 from ruledgraph.core.messages import Messages
-from ruledgraph.core.time_offset import TimeOffset
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.imu.camera_clock import CameraClock
-from ruledgraph.imu.synchronizer import Synchronizer
 from ruledgraph.initialization.calibration_search import CalibrationSearch
 from ruledgraph.initialization.time_offset_finder import FoundTimeOffset, TimeOffsetFinder
 from ruledgraph.simulation import D435I
+from ruledgraph.synchronization.camera_clock import CameraClock
+from ruledgraph.synchronization.synchronizer import Synchronizer
 
 FOUND = FoundTimeOffset(0.044, 0.008, np.zeros(3), np.zeros(3))
 
@@ -22,8 +22,8 @@ FOUND = FoundTimeOffset(0.044, 0.008, np.zeros(3), np.zeros(3))
 def search_and_clock(warnings: Messages) -> tuple[CalibrationSearch, CameraClock]:
     config, sensors = Config(), Synchronizer(D435I, warnings)
     clock = CameraClock(sensors, D435I.time_offset, config.time_offset, warnings)
-    mounting = CameraMounting(D435I, config, warnings)
-    return CalibrationSearch(mounting, clock, config, warnings), clock
+    online_calibration = OnlineCalibration(D435I, config, warnings)
+    return CalibrationSearch(online_calibration, clock, config, warnings), clock
 
 
 @pytest.mark.parametrize(

@@ -11,14 +11,14 @@ import pytest
 import ruledgraph.initialization.in_motion
 from ideal_tracks import CALIBRATION, MANY, IdealTracks, at_rest, ideal_tracks, sighting
 from ruledgraph.backend.start import Start
+from ruledgraph.core.calibration_estimates import TimeOffset
 from ruledgraph.core.config import Config
-from ruledgraph.core.time_offset import TimeOffset
-from ruledgraph.imu.frame_history import FrameTime
 from ruledgraph.initialization.batch import Batch
 from ruledgraph.initialization.first_window import FirstWindow, Seen
 from ruledgraph.initialization.in_motion import solved, start_in_motion
 from ruledgraph.initialization.prior import Refusal
 from ruledgraph.simulation import SplineMotion
+from ruledgraph.synchronization.frame_history import FrameTime
 from simulated_window import SEGMENTS, hand_held
 
 UP = np.array([0.0, 0.0, 1.0])

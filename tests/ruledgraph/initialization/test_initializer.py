@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from ideal_tracks import CALIBRATION, IdealTracks, at_rest, ideal_tracks
-from ruledgraph.calibration.camera_mounting import CameraMounting
+from ruledgraph.calibration.online_calibration import OnlineCalibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.output import Output
-from ruledgraph.imu.camera_clock import CameraClock
-from ruledgraph.imu.frame_history import FrameTime
-from ruledgraph.imu.synchronizer import Synchronizer
 from ruledgraph.initialization import initializer as module
 from ruledgraph.initialization.calibration_search import CalibrationSearch
 from ruledgraph.initialization.initializer import FirstFrames, Initializer
 from ruledgraph.initialization.prior import Refusal
 from ruledgraph.integrity.rest import RestDetector
 from ruledgraph.stages import Stages
+from ruledgraph.synchronization.camera_clock import CameraClock
+from ruledgraph.synchronization.frame_history import FrameTime
+from ruledgraph.synchronization.synchronizer import Synchronizer
 from simulated_window import hand_held
 
 
@@ -38,11 +38,11 @@ class Run:
             return np.ones((5, 3)), np.full(5, image_motion)
 
         rest = RestDetector(self.sensors.imu, self.sensors.frames, lines_moved, config.rest)
-        mounting = CameraMounting(CALIBRATION, config, self.output.warnings)
+        online_calibration = OnlineCalibration(CALIBRATION, config, self.output.warnings)
         warnings, given = self.output.warnings, CALIBRATION.time_offset
         clock = CameraClock(self.sensors, given, config.time_offset, warnings)
-        calibration_search = CalibrationSearch(mounting, clock, config, warnings)
-        stages = Stages(self.sensors, front_end, rest, clock, mounting, self.output)
+        calibration_search = CalibrationSearch(online_calibration, clock, config, warnings)
+        stages = Stages(self.sensors, front_end, rest, clock, online_calibration, self.output)
         self.initializer = Initializer(stages, calibration_search, config)
         both = zip(made.stamps, made.times.tolist(), strict=True)
         self._frames = [FrameTime(stamp, time) for stamp, time in both]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ruledgraph.calibration.camera_mounting import CameraMounting
+from ruledgraph.calibration.online_calibration import OnlineCalibration
 from ruledgraph.core.config import DEFAULTS
 from ruledgraph.core.messages import Messages
 from ruledgraph.imu.buffer import ImuBuffer
@@ -53,17 +53,17 @@ def searched(
     """The readout in use after a search with each of these counts of pairs."""
     looks, warnings = Looks(found), Messages()
     calibration = replace(D435I, line_delay=None)
-    mounting = CameraMounting(calibration, DEFAULTS, warnings)
+    online_calibration = OnlineCalibration(calibration, DEFAULTS, warnings)
     monkeypatch.setattr(readout_search, "TimeOffsetFinder", lambda *_: looks)
     monkeypatch.setattr(readout_search, "estimated_readout", looks.look)
-    search = ReadoutSearch(mounting, 0.1, warnings)
+    search = ReadoutSearch(online_calibration, 0.1, warnings)
     imu = ImuBuffer()
     for time in np.arange(0.0, 3.0, 0.005).tolist():
         imu.append(time, turning * np.sin([9 * time, 7 * time, 5 * time]), np.zeros(3))
     used = []
     for looks.count in counts:
         search.search(imu)
-        used.append(mounting.calibration.readout)
+        used.append(online_calibration.current.readout)
     return used, search, warnings, looks
 
 
@@ -76,7 +76,7 @@ def test_the_first_images_are_used_and_then_the_mean(monkeypatch):
         map(str, warnings)
     )
     assert looks.as_global == [True, True]
-    assert search._mounting.calibration.middle_row_delay == 0.0
+    assert search._online_calibration.current.middle_row_delay == 0.0
 
 
 def test_looks_come_early_and_with_twice_as_many_pairs(monkeypatch):

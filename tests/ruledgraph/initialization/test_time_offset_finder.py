@@ -9,7 +9,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.initialization.image_rotation import PointPairs
 from ruledgraph.initialization.mounting_check import check_mounting
 from ruledgraph.initialization.row_delays import at_middle_row

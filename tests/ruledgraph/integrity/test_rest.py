@@ -8,8 +8,8 @@ from ideal_tracks import IdealTracks, at_rest, ideal_tracks
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.config import RestConfig
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.imu.frame_history import FrameHistory, FrameTime
 from ruledgraph.integrity.rest import RestDetector
+from ruledgraph.synchronization.frame_history import FrameHistory, FrameTime
 from simulated_window import hand_held
 
 

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from recordings import T0, Entry, compressed_image, png, raw_image, serialise, texture
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.measurements import Frame
 from ruledgraph.recording import RecordingError, check_frame_size
 from ruledgraph.recording.container import RawMessage, Topic

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from recordings import CAMERA_INFO, T0, TRANSFORMS, Entry, entries_of, new, sequence, write_bag
 from ruledgraph.app.cli import main
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.recording import RecordingError, Topic, open_recording
 from ruledgraph.recording.ros_calibration import recorded_camera
 

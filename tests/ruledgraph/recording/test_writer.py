@@ -11,7 +11,9 @@ from rosbags.highlevel import AnyReader
 from ruamel.yaml import YAML
 
 from recordings import MS, T0, assert_same, sequence, texture
-from ruledgraph.calibration.sensors import ADIS16448_LIKE, Calibration, CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
+from ruledgraph.calibration.imu_noise import ADIS16448_LIKE
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.measurements import Frame, Gap, ImuSample
 from ruledgraph.recording import (
     GroundTruthPose,

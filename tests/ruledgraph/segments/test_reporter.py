@@ -7,11 +7,11 @@ from scipy.stats import chi2
 
 from ideal_tracks import CALIBRATION, frame_times, ideal_tracks, start_of
 from ruledgraph.backend.sliding_window import Window
+from ruledgraph.core.calibration_estimates import NO_OFFSET
 from ruledgraph.core.config import Config
 from ruledgraph.core.messages import Messages
 from ruledgraph.core.output import Output
 from ruledgraph.core.settings import load_config
-from ruledgraph.core.time_offset import NO_OFFSET
 from ruledgraph.imu.buffer import ImuBuffer
 from ruledgraph.integrity.gauge import GaugeUncertainty
 from ruledgraph.integrity.monitor import IntegrityMonitor

@@ -17,8 +17,8 @@ NODE = SimpleNamespace(
     state=gtsam.NavState(gtsam.Rot3.Yaw(0.3), np.array([1.0, 2.0, 3.0]), np.zeros(3)),
     covariances=(1e-6 * np.eye(6), 1e-6 * np.eye(3), 1e-4 * np.eye(6)),
 )
-LINE_MAP = SimpleNamespace(usual_distance=lambda: 3.0)
-WINDOW = SimpleNamespace(newest=NODE, rests_since=0.5, solved=1.0, line_map=LINE_MAP)
+LINE_MANAGER = SimpleNamespace(usual_distance=lambda: 3.0)
+WINDOW = SimpleNamespace(newest=NODE, rests_since=0.5, solved=1.0, line_manager=LINE_MANAGER)
 MOVED = gtsam.NavState(
     gtsam.Rot3.Ypr(0.31, 0.02, -0.01), np.array([1.02, 2.01, 3.05]), np.array([0.3, -0.1, 0.2])
 )

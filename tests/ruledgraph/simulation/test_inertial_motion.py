@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ruledgraph.calibration.sensors import ADIS16448_LIKE
+from ruledgraph.calibration.imu_noise import ADIS16448_LIKE
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.trajectory import Trajectory

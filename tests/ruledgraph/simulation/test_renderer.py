@@ -7,7 +7,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.simulation.materials import plain
 from ruledgraph.simulation.motions import WORLD_R_CAM

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.simulation import D435I, PERFECT, ImageQuality, Simulation, simulate
 from ruledgraph.simulation.options import simulation_from_options

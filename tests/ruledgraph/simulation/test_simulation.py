@@ -10,7 +10,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import Frame, ImuSample
 from ruledgraph.simulation import (

@@ -34,12 +34,12 @@ def test_frames_are_handed_out_when_the_tracks_are_theirs():
         if isinstance(measurement, Frame):
             added.append(measurement.stamp)
             points = {
-                (t.number, s.stamp): s.points for t in odometry.tracker.tracks for s in t.sightings
+                (t.id, s.stamp): s.points for t in odometry.tracker.tracks for s in t.sightings
             }
             for taken in queue.take(odometry, measurement):
                 handed_out.append(taken.frame.stamp)
                 for seen in taken.lines:
-                    own = points[seen.number, taken.frame.stamp]
+                    own = points[seen.id, taken.frame.stamp]
                     np.testing.assert_array_equal(seen.points, own)
                 with_lines += bool(taken.lines)
     assert len(handed_out) > 20

@@ -4,10 +4,10 @@
 
 import numpy as np
 
+from ruledgraph.core.calibration_estimates import TimeOffset
 from ruledgraph.core.config import TimeOffsetConfig
 from ruledgraph.core.messages import Messages
-from ruledgraph.core.time_offset import TimeOffset
-from ruledgraph.imu.synchronizer import Synchronizer
+from ruledgraph.synchronization.synchronizer import Synchronizer
 
 # Standard deviations.
 _SIGNIFICANT = 3.0
@@ -17,7 +17,7 @@ class CameraClock:
     """Times the frames to come by the estimated time offset.
 
     Args:
-        sensors: whose frames it times.
+        synchronizer: whose frames it times.
         calibrated: the calibration's offset, s.
         config: whether it is estimated, and how fast frame times are corrected.
         warnings: messages for the user.
@@ -25,7 +25,7 @@ class CameraClock:
 
     def __init__(
         self,
-        sensors: Synchronizer,
+        synchronizer: Synchronizer,
         calibrated: float,
         config: TimeOffsetConfig,
         warnings: Messages,
@@ -35,7 +35,7 @@ class CameraClock:
         """t_imu - t_cam, s, as last known; sigma 0 when it is not estimated."""
         self._start_sigma = config.sigma
         self._config = config
-        self._sensors = sensors
+        self._synchronizer = synchronizer
         self._calibrated = calibrated
         self._warnings = warnings
 
@@ -57,10 +57,10 @@ class CameraClock:
         if offset is None or not confirmed:
             return
         self.offset = offset.plus(self._calibrated)
-        offset_correction, config = self._sensors.offset_correction, self._config
+        offset_correction, config = self._synchronizer.offset_correction, self._config
         message = offset_warning(offset_correction, offset, self._calibrated, config)
         self._warnings.lasting("time offset", message, config.settled_states)
-        self._sensors.offset_correction = corrected_offset(offset_correction, offset, config)
+        self._synchronizer.offset_correction = corrected_offset(offset_correction, offset, config)
 
 
 def corrected_offset(

@@ -7,11 +7,10 @@ import dataclasses
 import gtsam
 import numpy as np
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.arrays import FloatArray
+from ruledgraph.core.calibration_estimates import Extrinsics, FocalRatio
 from ruledgraph.core.config import Config, ExtrinsicsConfig, IntrinsicsConfig
-from ruledgraph.core.extrinsics import Extrinsics
-from ruledgraph.core.focal_ratio import FocalRatio
 from ruledgraph.core.messages import Messages
 
 # Standard deviations. Points are undistorted by few focal lengths, one after another, as those of a
@@ -19,7 +18,7 @@ from ruledgraph.core.messages import Messages
 _SIGNIFICANT = 3.0
 
 
-class CameraMounting:
+class OnlineCalibration:
     """Keeps what windows find of the camera's pose in the body and its focal length, and images of
     its readout.
 
@@ -30,7 +29,7 @@ class CameraMounting:
     """
 
     def __init__(self, calibration: Calibration, config: Config, warnings: Messages) -> None:
-        self.calibration = calibration
+        self.current = calibration
         """With pose and readout as they are known by now."""
         self.camera = calibration.camera
         """That points are undistorted by: the calibration's, or, once the focal length is known to
@@ -48,7 +47,7 @@ class CameraMounting:
         """What is known; None when it is not estimated."""
         if not self._extrinsics.estimate:
             return None
-        return Extrinsics(self.calibration.body_T_cam, self._covariance)
+        return Extrinsics(self.current.body_T_cam, self._covariance)
 
     @property
     def focal_ratio(self) -> FocalRatio | None:
@@ -65,24 +64,24 @@ class CameraMounting:
 
     def set_rotation(self, body_R_cam: FloatArray) -> None:
         """Take another rotation for the calibration's, whose translation may be in other axes."""
-        translation = self.calibration.body_T_cam.translation()
+        translation = self.current.body_T_cam.translation()
         pose = gtsam.Pose3(gtsam.Rot3(body_R_cam), translation)
-        self.calibration = dataclasses.replace(self.calibration, body_T_cam=pose)
+        self.current = dataclasses.replace(self.current, body_T_cam=pose)
         self._covariance[3:, 3:] += np.eye(3) * float(translation @ translation)
 
     def set_readout(self, readout: float) -> None:
         """Take a rolling shutter's readout, s; the stamps are those of the middle row, which clock
         offsets were found for so far.
         """
-        calibration = self.calibration.with_readout(readout)
-        self.calibration = dataclasses.replace(calibration, stamp_at_middle_row=True)
+        calibration = self.current.with_readout(readout)
+        self.current = dataclasses.replace(calibration, stamp_at_middle_row=True)
 
     def update(self, extrinsics: Extrinsics | None, focal_ratio: FocalRatio | None) -> None:
         """Take in estimates."""
         # What first lines and other defects change passes.
         if extrinsics is not None:
             pose, self._covariance = extrinsics
-            self.calibration = dataclasses.replace(self.calibration, body_T_cam=pose)
+            self.current = dataclasses.replace(self.current, body_T_cam=pose)
             message = mounting_warning(self._given, extrinsics, self._extrinsics)
             self._warnings.lasting("extrinsics", message, self._extrinsics.settled_states)
         if focal_ratio is not None:
@@ -93,7 +92,7 @@ class CameraMounting:
             differs = abs(self.ratio - self._bent_by) > _SIGNIFICANT * focal_ratio.sigma
             if settled and differs:
                 self._bent_by = self.ratio
-                self.camera = self.calibration.camera.bent_by(self.ratio)
+                self.camera = self.current.camera.bent_by(self.ratio)
 
 
 def turned_by(given: gtsam.Pose3, extrinsics: Extrinsics) -> tuple[float, float]:

@@ -5,7 +5,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ruledgraph.calibration.sensors import CameraModel
+from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.errors import RuledgraphError
 from ruledgraph.core.measurements import Frame
 from ruledgraph.core.stamps import CLOSEST_FRAMES, StampUnit

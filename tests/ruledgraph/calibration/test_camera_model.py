@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from numerics import derivative
-from ruledgraph.calibration.sensors import CameraModel, ImuNoise
+from ruledgraph.calibration.camera_model import CameraModel
+from ruledgraph.calibration.imu_noise import ImuNoise
 from ruledgraph.core.errors import RuledgraphError
 
 PINHOLE = CameraModel(640, 480, 610.0, 611.0, 322.0, 239.0)

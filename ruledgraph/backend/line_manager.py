@@ -23,18 +23,18 @@ from ruledgraph.backend.line_weights import LineWeights
 from ruledgraph.backend.rest_factors import rests_throughout
 from ruledgraph.backend.start import Start
 from ruledgraph.backend.states import Interval, LineObservation
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.config import Config
 from ruledgraph.core.line_observations import LineTrack
 
 
-class LineMap:
+class LineManager:
     """Lines that enter the graph and leave it.
 
     Args:
         calibration: of the camera.
         config: all settings.
-        start: with estimates of lines by the number of the track, and the noise of edges.
+        start: with estimates of lines by the id of the track, and the noise of edges.
     """
 
     def __init__(self, calibration: Calibration, config: Config, start: Start) -> None:

@@ -1,11 +1,10 @@
 # SPDX-FileCopyrightText: The ruledgraph developers
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is known of the sensors before the first measurement: camera, IMU, how they are mounted."""
+"""Pinhole cameras with distortion, and wide-angle lenses: rays to pixels and back."""
 
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
-import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -18,7 +17,6 @@ from ruledgraph.calibration.wide_angle import (
 )
 from ruledgraph.core.arrays import FloatArray
 from ruledgraph.core.errors import RuledgraphError
-from ruledgraph_factors import STANDARD_GRAVITY
 
 DistortionModel = Literal["none", "radtan", "equidistant", "omni", "eucm", "ds"]
 _COEFFICIENTS: dict[str, tuple[int, ...]] = {
@@ -214,108 +212,3 @@ def _equidistant(xy: FloatArray, coefficients: tuple[float, ...]) -> tuple[Float
     outer = unit[:, :, None] * unit[:, None, :]
     jacobian = scale[:, None, None] * np.eye(2) + (radial - scale)[:, None, None] * outer
     return xy * scale[:, None], jacobian
-
-
-MIN_NOISE = 1e-12
-"""Of any noise figure, in its SI unit. The best gyroscopes have 1e-8 rad/s/sqrt(Hz); squares of
-less are lost beside those of the lines."""
-
-
-@dataclass(frozen=True)
-class ImuNoise:
-    """White noise densities and bias random walks of an IMU."""
-
-    gyroscope: float
-    """rad/s/sqrt(Hz)."""
-    accelerometer: float
-    """m/s^2/sqrt(Hz)."""
-    gyroscope_walk: float
-    """rad/s^2/sqrt(Hz)."""
-    accelerometer_walk: float
-    """m/s^3/sqrt(Hz)."""
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not MIN_NOISE <= value < np.inf:
-                raise RuledgraphError(
-                    f"IMU noise figure {name} = {value} is not from {MIN_NOISE:g} on"
-                )
-
-    def at_least(self, accelerometer: float, gyroscope: float) -> "ImuNoise":
-        """With white noise of no less than these."""
-        return replace(
-            self,
-            accelerometer=max(self.accelerometer, accelerometer),
-            gyroscope=max(self.gyroscope, gyroscope),
-        )
-
-    def preintegration_params(
-        self, gravity: ArrayLike = STANDARD_GRAVITY
-    ) -> gtsam.PreintegrationCombinedParams:
-        """The same figures for GTSAM's `CombinedImuFactor`, with gravity in the world, m/s^2."""
-        params = gtsam.PreintegrationCombinedParams(np.asarray(gravity, dtype=float))
-        params.setGyroscopeCovariance(np.eye(3) * self.gyroscope**2)
-        params.setAccelerometerCovariance(np.eye(3) * self.accelerometer**2)
-        params.setBiasOmegaCovariance(np.eye(3) * self.gyroscope_walk**2)
-        params.setBiasAccCovariance(np.eye(3) * self.accelerometer_walk**2)
-        # Of GTSAM's own integration, which is that exact; none would be singular.
-        params.setIntegrationCovariance(np.eye(3) * 1e-10)
-        return params
-
-
-D435I_LIKE = ImuNoise(2.44e-4, 1.47e-3, 2.0e-5, 3.0e-4)
-"""Noise densities of the Bosch BMI055 data sheet, the D435i's IMU (0.014 deg/s/sqrt(Hz) and
-150 ug/sqrt(Hz)); bias walks of the usual size for a consumer MEMS."""
-
-ADIS16448_LIKE = ImuNoise(1.6968e-4, 2.0e-3, 1.9393e-5, 3.0e-3)
-"""The figures of the EuRoC MAV dataset's `sensor.yaml`."""
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """One camera and the IMU, the body frame being the IMU's."""
-
-    camera: CameraModel
-    body_T_cam: gtsam.Pose3
-    """Maps camera coordinates (optical axes) to the body frame."""
-    imu_noise: ImuNoise
-    time_offset: float = 0.0
-    """s; t_imu = t_cam + time_offset (Kalibr's `timeshift_cam_imu`)."""
-    image_topic: str | None = None
-    """The topic the calibration was made for, when the file names one."""
-    imu_topic: str | None = None
-    time_offset_exact: bool = False
-    """Whether `time_offset` is exact, as of cameras that the IMU's clock triggers, and not to be
-    estimated (`timeshift_exact: true` beside `timeshift_cam_imu`)."""
-    line_delay: float | None = None
-    """s; row r of an image is exposed r line_delay later than row 0 (Kalibr's `line_delay`). 0: a
-    global shutter; None: not known, a global shutter unless the images show another."""
-    stamp_at_middle_row: bool = False
-    """Whether the stamp of an image is that of its middle row, not of the first one."""
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= (self.line_delay or 0.0) < np.inf:
-            raise RuledgraphError(f"line_delay = {self.line_delay} s is negative or not finite")
-
-    @property
-    def readout(self) -> float:
-        """From the first row's exposure to the last one's, s."""
-        return (self.line_delay or 0.0) * (self.camera.height - 1)
-
-    @property
-    def middle_row_delay(self) -> float:
-        """From the stamp of an image to the exposure of its middle row, s."""
-        return 0.0 if self.stamp_at_middle_row else 0.5 * self.readout
-
-    def with_readout(self, readout: float) -> "Calibration":
-        """The same with another time from the first row to the last, s."""
-        return replace(self, line_delay=readout / max(self.camera.height - 1, 1))
-
-
-@dataclass(frozen=True)
-class Mounting:
-    """What a recording without the IMU's noise figures tells of its sensors; as `Calibration`."""
-
-    camera: CameraModel
-    body_T_cam: gtsam.Pose3
-    imu_noise: None = None

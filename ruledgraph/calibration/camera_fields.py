@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ruledgraph.calibration.section import Section
-from ruledgraph.calibration.sensors import CameraModel, DistortionModel
+from ruledgraph.calibration.camera_model import CameraModel, DistortionModel
+from ruledgraph.calibration.sensor_fields import Section
 from ruledgraph.calibration.wide_angle import WIDE_ANGLE, magnification, parameter_fault
 from ruledgraph.core.errors import RuledgraphError
 

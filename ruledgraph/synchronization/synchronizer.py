@@ -9,16 +9,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ruledgraph.calibration.sensors import Calibration
+from ruledgraph.calibration.rig import Calibration
 from ruledgraph.core.config import DEFAULTS, ImuConfig
 from ruledgraph.core.measurements import MAX_IMU_GAP, Frame, Gap, ImuSample
 from ruledgraph.core.messages import Messages
 from ruledgraph.core.stamps import CLOSEST_SAMPLES, StampUnit
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph.imu.frame_history import FrameHistory, FrameTime
-from ruledgraph.imu.image_input import ImageInput
 from ruledgraph.imu.imu_input import ImuInput
-from ruledgraph.imu.waiting_frames import WaitingFrames
+from ruledgraph.synchronization.frame_history import FrameHistory, FrameTime
+from ruledgraph.synchronization.image_input import ImageInput
+from ruledgraph.synchronization.waiting_frames import WaitingFrames
 
 # s; stamps of two sensors so far apart are of clocks without a common base, or in two units.
 _UNRELATED = 10.0
