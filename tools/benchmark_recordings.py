@@ -187,6 +187,7 @@ def _mean(values: FloatArray) -> float:
     show_default=True,
     help="Where rendered flights are kept.",
 )
+@click.option("--backwards", is_flag=True, help="Play all of them backwards.")
 @click.option("--only", multiple=True, help="Cases whose name holds this; several: any of them.")
 @click.option("--set", "settings", multiple=True, help="section.key=value, as of smooth.")
 @click.option("--jobs", default=1, show_default=True, help="Runs at a time.")
@@ -194,6 +195,7 @@ def _mean(values: FloatArray) -> float:
 def main(
     data: Path,
     cache: Path,
+    backwards: bool,
     only: tuple[str, ...],
     settings: tuple[str, ...],
     jobs: int,
@@ -201,7 +203,7 @@ def main(
 ) -> None:
     """Command line."""
     chosen = [
-        replace(case, recorded=replace(case.recorded, settings=settings))
+        replace(case, recorded=replace(case.recorded, settings=settings, backwards=backwards))
         for case in cases(data, cache)
         if not only or any(word in case.name for word in only)
     ]

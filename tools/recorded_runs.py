@@ -6,7 +6,7 @@ They are compared with ground truth: ATE by evo, SE(3)-aligned without scale, an
 Sim(3) alignment beside it. The faster of the two is interpolated at the stamps of the other.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -14,11 +14,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from backwards import backward_calibration, backward_truth, played_backwards
 from reported_errors import ReportedErrors, TruthSigma, reported_errors, segments_of, trajectory_of
 from ruledgraph.calibration import read_calibration
 from ruledgraph.calibration.camera_model import CameraModel
 from ruledgraph.core.estimates import Estimate, nis_per_dof
-from ruledgraph.core.measurements import Frame
+from ruledgraph.core.measurements import Frame, Measurement
 from ruledgraph.core.settings import load_config
 from ruledgraph.core.trajectory import Trajectory
 from ruledgraph.evaluation import EvaluationError, compare, matched
@@ -86,6 +87,8 @@ class Recorded:
     """One of `VARIANTS`."""
     seed: int = 0
     """Of the variant's randomness."""
+    backwards: bool = False
+    """Whether it is played backwards, see `backwards`."""
 
 
 @dataclass(frozen=True)
@@ -103,20 +106,23 @@ def run_from(recorded: Recorded, duration: float | None, begin: float) -> Run:
     calibration = read_calibration(Path(recorded.calibration), image_topic=camera_topic)
     calibration = replace(calibration, camera=changed_camera(calibration.camera, recorded))
     variant, rng = VARIANTS[recorded.variant], np.random.default_rng(recorded.seed)
+    if recorded.backwards:
+        calibration = backward_calibration(calibration)
     calibration = variant.calibration(calibration)
     odometry = Odometry(calibration, load_config(None, recorded.settings))
     recording = open_recording(recorded.bag, image_topic=topic, start=begin, duration=duration)
     live: list[Estimate] = []
     smoothed: list[Estimate] = []
-    first, latest, seen, count, handed_out = 0, 0, 0, 0, None
-    for measurement in variant.changed(recording.stream(), rng):
+    first, latest, count, handed_out = 0, 0, 0, None
+    truth = read_ground_truth(recorded.truth)
+    stream = _reduced(recording.stream(), recorded)
+    if recorded.backwards:
+        stream, total = played_backwards(stream)
+        truth = backward_truth(truth, total)
+    for measurement in variant.changed(stream, rng):
         if isinstance(measurement, Frame):
-            seen += 1
-            if (seen - 1) % recorded.every:
-                continue
             latest, count = measurement.stamp, count + 1
             first = first or latest
-            measurement = changed(measurement, recorded)
         odometry.add(measurement)
         live += odometry.take_live()
         smoothed += odometry.take_smoothed()
@@ -126,7 +132,6 @@ def run_from(recorded: Recorded, duration: float | None, begin: float) -> Run:
     odometry.finish()
     live += odometry.take_live()
     smoothed += odometry.take_smoothed()
-    truth = read_ground_truth(recorded.truth)
     of_live, of_smoothed = _errors(live, truth), _errors(smoothed, truth)
     of_reliable = _errors([e for e in live if e.status in ("tracking", "still")], truth)
     of_reports = _reported(live, smoothed, truth, recorded.truth_sigma)
@@ -165,6 +170,18 @@ def changed_camera(camera: CameraModel, recorded: Recorded) -> CameraModel:
     middle = 0.5 * (n - 1)
     cx, cy = (camera.cx - middle) / n, (camera.cy - middle) / n
     return replace(size, fx=camera.fx / n, fy=camera.fy / n, cx=cx, cy=cy)
+
+
+def _reduced(measurements: Iterable[Measurement], recorded: Recorded) -> Iterable[Measurement]:
+    """With the frames, and the parts of their images, that are used."""
+    seen = 0
+    for measurement in measurements:
+        if not isinstance(measurement, Frame):
+            yield measurement
+            continue
+        if seen % recorded.every == 0:
+            yield changed(measurement, recorded)
+        seen += 1
 
 
 def changed(frame: Frame, recorded: Recorded) -> Frame:
