@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """GTSAM's incremental fixed-lag smoother: the only module that touches it and its failures."""
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -14,6 +15,35 @@ from ruledgraph.core.errors import RuledgraphError
 
 class SmootherError(RuledgraphError):
     """The system is indeterminate or the estimate diverged."""
+
+
+class Removal(NamedTuple):
+    """Python factors that are to be removed."""
+
+    variables: set[int]
+    """All on any of these."""
+    factors: list[gtsam.CustomFactor]
+    """And these very objects."""
+
+    def __bool__(self) -> bool:
+        """Whether there are any."""
+        return bool(self.variables or self.factors)
+
+    def indices(self, graph: gtsam.NonlinearFactorGraph) -> list[int]:
+        """Of those that a graph has."""
+        if not self:
+            return []
+        ids = {id(factor) for factor in self.factors}
+        factors = ((i, graph.at(i)) for i in range(graph.size()))
+        return [
+            i
+            for i, factor in factors
+            if id(factor) in ids
+            or (
+                isinstance(factor, gtsam.CustomFactor)
+                and not self.variables.isdisjoint(factor.keys())
+            )
+        ]
 
 
 class FixedLagSmoother:
@@ -60,7 +90,7 @@ class FixedLagSmoother:
         values: gtsam.Values,
         times: Mapping[int, float],
         check: Callable[[gtsam.Values], bool],
-        outliers: Set[int] = frozenset(),
+        removal: Removal | None = None,
     ) -> gtsam.Values:
         """Add factors and variables, and the times of new and of refreshed variables.
 
@@ -70,7 +100,7 @@ class FixedLagSmoother:
             times: of new and of refreshed variables, s.
             check: whether an estimate is about what was expected, so that no further step is
                 needed; raises `SmootherError` for one that cannot be right.
-            outliers: variables whose Python factors are removed; `factors` must have one on each.
+            removal: factors to be removed; each of their variables must have another one.
 
         Returns:
             The estimate of all variables.
@@ -80,7 +110,8 @@ class FixedLagSmoother:
         """
         # Copies: what GTSAM hands out changes with the smoother, also in an update that fails.
         factors_before = gtsam.NonlinearFactorGraph(self._smoother.getFactors())
-        for index in _factors_on(outliers, factors_before):
+        removal = removal or Removal(set(), [])
+        for index in removal.indices(factors_before):
             factors_before.remove(index)
         values_before = gtsam.Values(self.linearization_point())
         # With the times of this update a new smoother would at once drop variables that the new
@@ -94,11 +125,11 @@ class FixedLagSmoother:
             try:
                 if was_dogleg:
                     self._restart(*before, dogleg=False)
-                return self._solve(factors, values, times, check, outliers)
+                return self._solve(factors, values, times, check, removal)
             except SmootherError as failure:
                 self.dogleg_reason = str(failure)
                 self._restart(*before, dogleg=True)
-        return self._solve(factors, values, times, check, outliers)
+        return self._solve(factors, values, times, check, removal)
 
     def _solve(
         self,
@@ -106,11 +137,11 @@ class FixedLagSmoother:
         values: gtsam.Values,
         times: Mapping[int, float],
         check: Callable[[gtsam.Values], bool],
-        outliers: Set[int],
+        removal: Removal,
     ) -> gtsam.Values:
         # A smoother that was begun anew has none of their factors.
-        removed = _factors_on(outliers, self._smoother.getFactors())
-        self._call(factors, values, times, removed)
+        indices = removal.indices(self._smoother.getFactors())
+        self._call(factors, values, times, indices)
         estimate, left = self._smoother.calculateEstimate(), self._config.updates
         while not check(estimate) and left > 0:
             # The pre-release of GTSAM 4.3 has no update without arguments.
@@ -174,15 +205,3 @@ class FixedLagSmoother:
         except (RuntimeError, IndexError):
             return None
         return np.asarray(found) if np.isfinite(found).all() else None
-
-
-def _factors_on(keys: Set[int], graph: gtsam.NonlinearFactorGraph) -> list[int]:
-    """Indices of the factors in Python on any of these variables."""
-    if not keys:
-        return []
-    factors = ((i, graph.at(i)) for i in range(graph.size()))
-    return [
-        i
-        for i, factor in factors
-        if isinstance(factor, gtsam.CustomFactor) and not keys.isdisjoint(factor.keys())
-    ]

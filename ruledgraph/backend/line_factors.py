@@ -19,6 +19,7 @@ from ruledgraph.core.line_observations import Sighting
 from ruledgraph_factors import (
     NEW_LINE_SIGMAS,
     GeometricPoints,
+    RuledSurfaceFactor,
     line_distance_factor,
     new_line_factor,
     ruled_surface_factor,
@@ -90,6 +91,13 @@ def observation(seen: IntervalSightings, line: Landmark, model: EdgeModel) -> Li
     )
     factor.weight = line.weight
     return LineObservation(line, factor, compressed, (index[-1], sightings[-1].points))
+
+
+def on_variable(factor: RuledSurfaceFactor, line: Landmark) -> RuledSurfaceFactor:
+    """The same on the variable and the chart that a line has now."""
+    moved = RuledSurfaceFactor(factor.spec.with_line(line.key, line.chart))
+    moved.weight = line.weight
+    return moved
 
 
 def new_line_factors(

@@ -17,6 +17,7 @@ from ruledgraph.backend.line_factors import (
     compressed_points,
     new_line_factors,
     observation,
+    on_variable,
 )
 from ruledgraph.backend.start import InitialLine
 from ruledgraph.backend.states import Interval, IntervalSightings, LineObservation
@@ -87,7 +88,8 @@ class LineGraphBuilder:
             return
         own = precomputed or observation(seen, line, self._model)
         interval.observations.append(own)
-        if not (rests and line.points):
+        own.in_graph = not (rests and line.points)
+        if own.in_graph:
             update.factors.add(own.factor)
         line.points += sum(len(sighting.points) for sighting in sightings)
         line.last_stamp = max(line.last_stamp, interval.stamps[index[-1]])
@@ -169,15 +171,17 @@ class LineGraphBuilder:
         """Remove the factors of a line; its variable stays until its time, with a prior of its
         own.
         """
-        update.outliers.add(line.key)
+        update.removal.variables.add(line.key)
         wide = noiseModel.Diagonal.Sigmas(np.array(NEW_LINE_SIGMAS))
         update.factors.addPriorVector(line.key, line.delta, wide)
 
-    def recentre(self, line: Landmark, update: GraphUpdate) -> None:
-        """A new chart about the current estimate, under a new key, with a factor to the old one.
+    def recentre(self, line: Landmark, intervals: Sequence[Interval], update: GraphUpdate) -> None:
+        """A new chart about the current estimate, under a new key, with the line's factors in these
+        intervals and one to the old variable, which has what was marginalised.
 
         The smoother does not relinearise a variable whose neighbour has left the window. A line
-        without parallax until then would stay linearised at an arbitrary depth.
+        without parallax until then would stay linearised at an arbitrary depth, and so would all
+        images of it.
         """
         # The marginal on the old variable is linear: what it says of the line is off by the second
         # term of Taylor's series in how far the line has moved since.
@@ -192,4 +196,11 @@ class LineGraphBuilder:
         update.times |= {old_key: line.last_time, key: line.last_time}
         line.covariance = by_delta @ line.covariance @ by_delta.T + sigma**2 * np.eye(4)
         line.key, line.chart, line.delta = key, chart, np.zeros(4)
+        observations = [own for interval in intervals for own in interval.observations]
+        observations = [own for own in observations if own.factor.spec.line_key == old_key]
+        update.remove([own.factor for own in observations if own.in_graph])
+        for own in observations:
+            own.factor = on_variable(own.factor, line)
+            if own.in_graph:
+                update.factors.add(own.factor)
         line.linearized, line.linearization_frozen = line.delta, False

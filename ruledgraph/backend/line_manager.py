@@ -12,7 +12,6 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 import gtsam
 import numpy as np
 
-from ruledgraph.backend.fixed_lag_smoother import FixedLagSmoother
 from ruledgraph.backend.graph_update import GraphUpdate
 from ruledgraph.backend.landmarks import Landmark, record_extent
 from ruledgraph.backend.line_distance import usual_distance
@@ -117,23 +116,26 @@ class LineManager:
 
     # -- staying ---------------------------------------------------------------------------------
 
-    def update_variables(self, update: GraphUpdate) -> None:
+    def update_variables(self, intervals: Sequence[Interval], update: GraphUpdate) -> bool:
         """Remove the factors of rejected lines that turn round, whose charts end in a singularity;
         give lines a new variable whose estimates moved far from their linearisation point.
+
+        Returns:
+            Whether there were any.
         """
-        far = [line for line in self._dropped if line.chart.is_far(line.delta)]
-        for line in far:
+        turned = [line for line in self._dropped if line.chart.is_far(line.delta)]
+        for line in turned:
             self._builder.remove(line, update)
             self._dropped.remove(line)
-        self._recentre(update)
-
-    def _recentre(self, update: GraphUpdate) -> None:
-        for line in self.lines.values():
-            if (
-                line.linearization_frozen
-                and np.abs(line.delta - line.linearized).max() > self._config.recentre_change
-            ):
-                self._builder.recentre(line, update)
+        far = [
+            line
+            for line in self.lines.values()
+            if line.linearization_frozen
+            and np.abs(line.delta - line.linearized).max() > self._config.recentre_change
+        ]
+        for line in far:
+            self._builder.recentre(line, intervals, update)
+        return bool(turned or far)
 
     def read(self, estimate: gtsam.Values, linearization_point: gtsam.Values) -> None:
         """Take over what the smoother found."""
@@ -141,21 +143,6 @@ class LineManager:
             if estimate.exists(line.key):
                 line.delta = estimate.atVector(line.key)
                 line.linearized = linearization_point.atVector(line.key)
-
-    def read_covariances(self, smoother: FixedLagSmoother, now: float) -> None:
-        """Of the lines whose covariance is the oldest: it shrinks as a line is seen, so that an
-        old one errs on the safe side.
-        """
-        by_age = sorted(self.lines.values(), key=lambda line: line.covariance_time)
-        stalest = by_age[: self._config.covariances_per_state]
-        if not stalest:
-            return
-        # Together: most of the time goes into what they have in common.
-        joint = smoother.joint_covariance([line.key for line in stalest])
-        for i, line in enumerate(stalest):
-            line.covariance_time = now
-            if joint is not None:
-                line.covariance = joint[4 * i : 4 * i + 4, 4 * i : 4 * i + 4]
 
     # -- leaving ---------------------------------------------------------------------------------
 

@@ -52,8 +52,9 @@ def rebuilt(
             # Factors on the key a line had before it was re-anchored stay out.
             if id(line) not in kept or line.key != seen.factor.spec.line_key:
                 continue
-            if rests and line.key in times:
-                continue  # see `LineGraphBuilder.observe`
+            seen.in_graph = not (rests and line.key in times)  # as in `LineGraphBuilder.observe`
+            if not seen.in_graph:
+                continue
             factors.add(seen.factor)
             if line.key not in times:
                 for factor in new_line_factors(interval.node, line, config.lines, distance):

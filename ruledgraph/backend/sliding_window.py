@@ -203,7 +203,6 @@ class Window:
             The intervals that left the window, with their final estimates.
         """
         gone = self._drop_old()
-        self.line_manager.update_variables(self._update)
         self._solver.solve(self._update)
         self._update = GraphUpdate()
         self.solved = self.newest.time
@@ -219,8 +218,9 @@ class Window:
         while (interval := self._states.pop_before(oldest)) is not None:
             self._solver.read_covariance(interval.node)
             gone.append(interval)
-            for line, factor, _, _ in interval.observations:
-                line.linearization_frozen |= factor.spec.line_key == line.key
+            for seen in interval.observations:
+                line = seen.line
+                line.linearization_frozen |= seen.factor.spec.line_key == line.key
         self.line_manager.retire(oldest)
         return gone
 

@@ -54,7 +54,8 @@ class StateNode:
         )
 
 
-class LineObservation(NamedTuple):
+@dataclass(eq=False)
+class LineObservation:
     """A line in an interval."""
 
     line: Landmark
@@ -62,6 +63,8 @@ class LineObservation(NamedTuple):
     points: GeometricPoints
     last: tuple[int, FloatArray]
     """Index of the last frame that saw it, and the points there."""
+    in_graph: bool = True
+    """Whether the factor is in the graph, see `LineGraphBuilder.observe`."""
 
 
 @dataclass(eq=False)

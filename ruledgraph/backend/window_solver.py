@@ -32,7 +32,7 @@ class WindowSolver:
         """Update the smoother; states and lines get the estimate and their covariances."""
         was_dogleg, time = self._smoother.dogleg, self._states.newest.time
         try:
-            self._solve(update)
+            self._solve_and_recentre(update)
         except SmootherError as failure:
             self.recoveries.append(f"at {time:.2f} s: {failure}")
             self._recover()
@@ -42,9 +42,22 @@ class WindowSolver:
                 self.recoveries.append(f"{reason}; solved by Dogleg steps")
         self._read_covariances()
 
+    def _solve_and_recentre(self, update: GraphUpdate) -> None:
+        """Solve, and again while lines move far from where they are linearised: of near ones whose
+        distance was unknown the first images after a rest mean ten times the motion else.
+        """
+        intervals = self._states.intervals
+        self._line_manager.update_variables(intervals, update)
+        self._solve(update)
+        for _ in range(self._config.window.updates):
+            again = GraphUpdate()
+            if not self._line_manager.update_variables(intervals, again):
+                break
+            self._solve(again)
+
     def _solve(self, update: GraphUpdate) -> None:
         added = update.factors, update.values, update.times
-        estimate = self._smoother.update(*added, self._check, update.outliers)
+        estimate = self._smoother.update(*added, self._check, update.removal)
         self._states.read(estimate)
         self._line_manager.read(estimate, self._smoother.linearization_point())
 
@@ -80,7 +93,22 @@ class WindowSolver:
     def _read_covariances(self) -> None:
         intervals, newest = self._states.intervals, self._states.newest
         self.read_covariance(newest, intervals[-1] if intervals else None)
-        self._line_manager.read_covariances(self._smoother, newest.time)
+        self._read_line_covariances(newest.time)
+
+    def _read_line_covariances(self, now: float) -> None:
+        """Of the lines whose covariance is the oldest: it shrinks as a line is seen, so that an
+        old one errs on the safe side.
+        """
+        by_age = sorted(self._line_manager.lines.values(), key=lambda line: line.covariance_time)
+        stalest = by_age[: self._config.lines.covariances_per_state]
+        if not stalest:
+            return
+        # Together: most of the time goes into what they have in common.
+        joint = self._smoother.joint_covariance([line.key for line in stalest])
+        for i, line in enumerate(stalest):
+            line.covariance_time = now
+            if joint is not None:
+                line.covariance = joint[4 * i : 4 * i + 4, 4 * i : 4 * i + 4]
 
     def read_covariance(self, node: StateNode, interval: Interval | None = None) -> None:
         """Of a state, and of an interval's variables of the camera, by the smoother's present

@@ -88,11 +88,11 @@ def test_states_of_clipped_intervals_share_a_frame(monkeypatch):
         for before, after in pairwise(intervals):
             assert after.repeats_frame == (not before.is_reliable)
             assert (after.stamps[0] == before.stamps[-1]) == after.repeats_frame
-            for line, factor, *_ in after.observations:
-                seen = after.sightings_of(made.tracks[line.id - 1])
+            for own in after.observations:
+                seen = after.sightings_of(made.tracks[own.line.id - 1])
                 assert seen.frames
                 assert max(seen.frames) < after.reliable_frames
-                assert factor.keys()[0] == X(after.node.index)
+                assert own.factor.keys()[0] == X(after.node.index)
         assert sum(interval.repeats_frame for interval in intervals) > 3
         with monkeypatch.context() as patch:
             patch.setattr(ImuBuffer, "in_long_dropout", lambda *_: True)

@@ -54,8 +54,8 @@ def test_an_estimate_that_jumps_is_rejected(monkeypatch, position, velocity, is_
     made = ideal_tracks(3, hand_held(np.random.default_rng(3)))
     update, calls = FixedLagSmoother.update, []
 
-    def jumps_once(self, factors, values, times, check, outliers):
-        estimate = update(self, factors, values, times, check, outliers)
+    def jumps_once(self, factors, values, times, check, removal):
+        estimate = update(self, factors, values, times, check, removal)
         calls.append(1)
         if len(calls) == 6:
             k = max(gtsam.Symbol(x).index() for x in values.keys() if gtsam.Symbol(x).chr() == 120)  # noqa: SIM118
