@@ -107,7 +107,8 @@ def same_line_factor(
     has left the window, and J belongs where the line is now, not where it was then. That is when
     to use this factor, too: as soon as a line's estimate has moved away from the point it is
     linearised at. Insert the new variable as zeros(4) and use its key from then on; the old one may
-    leave the window, marginalised.
+    leave the window, marginalised. The line's factors that are still in the window should go to the
+    new variable, too (`RuledSurfaceSpec.with_line`): else they stay linear where the line was.
 
     Args:
         noise_model: of dimension 4, any kind. The marginal on the old variable is linear, and off

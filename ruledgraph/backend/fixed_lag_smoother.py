@@ -84,6 +84,11 @@ class FixedLagSmoother:
         """Whether it takes Dogleg steps with QR now."""
         return self._dogleg_for > 0
 
+    @property
+    def factors(self) -> gtsam.NonlinearFactorGraph:
+        """All that are not marginalised, and the marginals."""
+        return self._smoother.getFactors()
+
     def update(
         self,
         factors: gtsam.NonlinearFactorGraph,

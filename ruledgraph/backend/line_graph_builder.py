@@ -184,7 +184,8 @@ class LineGraphBuilder:
         images of it.
         """
         # The marginal on the old variable is linear: what it says of the line is off by the second
-        # term of Taylor's series in how far the line has moved since.
+        # term of Taylor's series in how far the line has moved since. (How far it moves on, when
+        # the state is solved again, is not in it.)
         moved = line.delta - line.linearized
         sigma = max(0.5 * float(moved @ moved), _MIN_RECENTRE_SIGMA)
         noise = noiseModel.Isotropic.Sigma(4, sigma)

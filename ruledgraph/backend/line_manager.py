@@ -155,8 +155,8 @@ class LineManager:
         good, cameras, ends = [], [], []
         for seen in interval.observations:
             line, (frame, last_points) = seen.line, seen.last
-            if seen.factor.spec.line_key != line.key or self.lines.get(line.id) is not line:
-                continue  # it was just re-anchored, or dropped
+            if self.lines.get(line.id) is not line:
+                continue  # it was dropped
             fit = line_fit(seen, state, self.model, self._config)
             interval.compared += 1
             interval.misfits += fit.is_misfit

@@ -93,7 +93,7 @@ class LineWeights:
             state = interval.state(np.zeros(4))
             for each in interval.observations:
                 own = found.get(id(each.line))
-                if own is not None and each.factor.spec.line_key == each.line.key:
+                if own is not None:
                     own.add(each, state, interval.still)
         known = [own for own in found.values() if own.seen]
         if not known:

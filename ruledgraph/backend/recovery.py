@@ -49,8 +49,7 @@ def rebuilt(
                 factors.add(factor)
         for seen in interval.observations:
             line = seen.line
-            # Factors on the key a line had before it was re-anchored stay out.
-            if id(line) not in kept or line.key != seen.factor.spec.line_key:
+            if id(line) not in kept:
                 continue
             seen.in_graph = not (rests and line.key in times)  # as in `LineGraphBuilder.observe`
             if not seen.in_graph:
@@ -61,4 +60,5 @@ def rebuilt(
                     factors.add(factor)
                 values.insert(line.key, line.delta)
                 times[line.key] = line.last_time
+                line.linearization_frozen = False
     return update

@@ -219,8 +219,7 @@ class Window:
             self._solver.read_covariance(interval.node)
             gone.append(interval)
             for seen in interval.observations:
-                line = seen.line
-                line.linearization_frozen |= seen.factor.spec.line_key == line.key
+                seen.line.linearization_frozen = True
         self.line_manager.retire(oldest)
         return gone
 

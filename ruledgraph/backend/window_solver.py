@@ -23,6 +23,7 @@ class WindowSolver:
         self._line_manager = line_manager
         self._config = config
         self._smoother = FixedLagSmoother(config.window)
+        self._predicted = states.newest.state
         self.recoveries: list[str] = []
         """Why the smoother had to be rebuilt, each time."""
         self.has_failed = False
@@ -31,6 +32,7 @@ class WindowSolver:
     def solve(self, update: GraphUpdate) -> None:
         """Update the smoother; states and lines get the estimate and their covariances."""
         was_dogleg, time = self._smoother.dogleg, self._states.newest.time
+        self._predicted = self._states.newest.state
         try:
             self._solve_and_recentre(update)
         except SmootherError as failure:
@@ -62,15 +64,17 @@ class WindowSolver:
         self._line_manager.read(estimate, self._smoother.linearization_point())
 
     def _check(self, estimate: gtsam.Values) -> bool:
-        """Whether the newest state is close to the IMU's prediction; it must not be far off."""
-        k, predicted = self._states.newest.index, self._states.newest.state
-        position, velocity = estimate.atPose3(X(k)).translation(), estimate.atVector(V(k))
-        jump = float(np.linalg.norm(position - predicted.position()))
-        change = float(np.linalg.norm(velocity - predicted.velocity()))
-        limits = self._config.window
+        """Whether the newest state is close to where it was, by the IMU or the last solution; it
+        must not be far from the IMU's prediction.
+        """
+        newest, limits = self._states.newest, self._config.window
+        pose, velocity = estimate.atPose3(X(newest.index)), estimate.atVector(V(newest.index))
+        found = gtsam.NavState(pose, velocity)
+        jump, change = _apart(found, self._predicted)
         if not (jump < limits.jump_position and change < limits.jump_velocity):
             raise SmootherError(f"the estimate jumped by {jump:.2g} m, {change:.2g} m/s")
-        return jump < limits.step_position and change < limits.step_velocity
+        step, step_velocity = _apart(found, newest.state)
+        return step < limits.step_position and step_velocity < limits.step_velocity
 
     def _recover(self) -> None:
         """A new smoother from the window's own states, marginals and data; failing that, without
@@ -126,3 +130,11 @@ class WindowSolver:
             part = slice(first, first + variable.SIZE)
             variable.read_covariance(covariance[part, part])
             first += variable.SIZE
+
+
+def _apart(one: gtsam.NavState, other: gtsam.NavState) -> tuple[float, float]:
+    """Distances of two states' positions, m, and velocities, m/s."""
+    return (
+        float(np.linalg.norm(one.position() - other.position())),
+        float(np.linalg.norm(one.velocity() - other.velocity())),
+    )

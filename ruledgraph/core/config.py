@@ -82,7 +82,8 @@ class WindowConfig(Section):
     """For so long the camera's pose in the body and its focal length count as constant: they hardly
     change in a second, and every variable costs time."""
     updates: int = number(1, "", 0, 20)
-    """Further iSAM2 updates at most, at states that are not where the IMU predicted them."""
+    """Further iSAM2 updates at most, at states that are not where the IMU predicted them; and how
+    often a state is solved again at most while lines move far (`lines.recentre_change`)."""
     step_position: float = number(0.003, "m", 0.0, 10.0)
     """A state further from the IMU's prediction gets such an update ..."""
     step_velocity: float = number(0.010, "m/s", 0.0, 10.0)

@@ -45,6 +45,7 @@ def test_images_in_the_window_are_moved_to_the_new_variable():
     made = ideal_tracks(0, hand_held(np.random.default_rng(0)))
     window, _ = run_window(made)
     line = window.lines[3]
+    line.weight = 4.0
     line.delta = line.delta + np.array([0.05, -0.03, 0.02, 0.1])
     seen = [(i, own) for i in window.intervals for own in i.observations if own.line is line]
     assert len(seen) > 5
@@ -59,6 +60,7 @@ def test_images_in_the_window_are_moved_to_the_new_variable():
     assert old[-1] not in new
     for (interval, own), value in zip(seen, before, strict=True):
         assert own.factor.spec.line_key == line.key
+        assert own.factor.weight == 4.0
         assert (own.factor in new) == own.in_graph
         found = own.factor.evaluate(interval.state(line.delta), False).value
         np.testing.assert_allclose(found, value, atol=1e-9)

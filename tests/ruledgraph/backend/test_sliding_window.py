@@ -29,7 +29,7 @@ from ruledgraph.backend.states import Interval
 from ruledgraph.core.config import Config
 from ruledgraph.core.settings import load_config
 from ruledgraph.imu.buffer import ImuBuffer
-from ruledgraph_factors import LineChart
+from ruledgraph_factors import LineChart, RuledSurfaceFactor
 from simulated_window import SplineMotion, hand_held
 from window_runs import rested, run_window
 
@@ -200,6 +200,12 @@ def test_lines_that_moved_from_their_linearisation_get_new_variables():
     for line in window.lines.values():
         for end in MANY[line.id - 1]:
             assert line.chart.distance_to(line.delta, end)[0] < 0.03
+    # Each of the window's images counts once.
+    graph = window._solver._smoother.factors
+    factors = [graph.at(i) for i in range(graph.size())]
+    held = [id(f) for f in factors if isinstance(f, RuledSurfaceFactor)]
+    seen = [id(own.factor) for i in window.intervals for own in i.observations if own.in_graph]
+    assert sorted(held) == sorted(seen)
 
 
 @pytest.mark.parametrize("seed", range(3))
