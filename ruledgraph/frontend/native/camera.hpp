@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 //
 // The camera models, in plain C++. The native version of `CameraModel` in
-// `ruledgraph/calibration/camera_model.py` and of `wide_angle.py` beside it, which say what is computed
-// and stay the reference: same order of operations.
+// `ruledgraph/calibration/camera_model.py` and of `wide_angle.py` beside it, which say what is
+// computed and stay the reference: same order of operations.
 #pragma once
 
 #include <array>
