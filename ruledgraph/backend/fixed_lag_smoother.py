@@ -31,8 +31,6 @@ class Removal(NamedTuple):
 
     def indices(self, graph: gtsam.NonlinearFactorGraph) -> list[int]:
         """Of those that a graph has."""
-        if not self:
-            return []
         ids = {id(factor) for factor in self.factors}
         factors = ((i, graph.at(i)) for i in range(graph.size()))
         return [
@@ -40,7 +38,8 @@ class Removal(NamedTuple):
             for i, factor in factors
             if id(factor) in ids
             or (
-                isinstance(factor, gtsam.CustomFactor)
+                self.variables
+                and isinstance(factor, gtsam.CustomFactor)
                 and not self.variables.isdisjoint(factor.keys())
             )
         ]
@@ -114,9 +113,9 @@ class FixedLagSmoother:
             SmootherError: when Dogleg steps fail, too; the smoother cannot be used any more.
         """
         # Copies: what GTSAM hands out changes with the smoother, also in an update that fails.
-        factors_before = gtsam.NonlinearFactorGraph(self._smoother.getFactors())
-        removal = removal or Removal(set(), [])
-        for index in removal.indices(factors_before):
+        factors_before = gtsam.NonlinearFactorGraph(self.factors)
+        removed = removal.indices(factors_before) if removal else []
+        for index in removed:
             factors_before.remove(index)
         values_before = gtsam.Values(self.linearization_point())
         # With the times of this update a new smoother would at once drop variables that the new
@@ -130,11 +129,13 @@ class FixedLagSmoother:
             try:
                 if was_dogleg:
                     self._restart(*before, dogleg=False)
-                return self._solve(factors, values, times, check, removal)
+                    removed = []
+                return self._solve(factors, values, times, check, removed)
             except SmootherError as failure:
                 self.dogleg_reason = str(failure)
                 self._restart(*before, dogleg=True)
-        return self._solve(factors, values, times, check, removal)
+                removed = []
+        return self._solve(factors, values, times, check, removed)
 
     def _solve(
         self,
@@ -142,11 +143,9 @@ class FixedLagSmoother:
         values: gtsam.Values,
         times: Mapping[int, float],
         check: Callable[[gtsam.Values], bool],
-        removal: Removal,
+        removed: Sequence[int],
     ) -> gtsam.Values:
-        # A smoother that was begun anew has none of their factors.
-        indices = removal.indices(self._smoother.getFactors())
-        self._call(factors, values, times, indices)
+        self._call(factors, values, times, removed)
         estimate, left = self._smoother.calculateEstimate(), self._config.updates
         while not check(estimate) and left > 0:
             # The pre-release of GTSAM 4.3 has no update without arguments.

@@ -197,10 +197,9 @@ class LineGraphBuilder:
         update.times |= {old_key: line.last_time, key: line.last_time}
         line.covariance = by_delta @ line.covariance @ by_delta.T + sigma**2 * np.eye(4)
         line.key, line.chart, line.delta = key, chart, np.zeros(4)
-        observations = [own for interval in intervals for own in interval.observations]
-        observations = [own for own in observations if own.factor.spec.line_key == old_key]
-        update.remove([own.factor for own in observations if own.in_graph])
-        for own in observations:
+        seen = [own for part in intervals for own in part.observations if own.line is line]
+        update.remove([own.factor for own in seen if own.in_graph])
+        for own in seen:
             own.factor = on_variable(own.factor, line)
             if own.in_graph:
                 update.factors.add(own.factor)
